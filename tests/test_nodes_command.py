@@ -249,6 +249,33 @@ def test_a_motion_is_checked_and_repeated(system: System, bag: Path, capfd: pyte
     system.testbed.spin_until(arrived, "the last posture of the recording")
 
 
+def test_a_demonstration_becomes_a_dataset_and_returns_to_the_arm(
+    system: System, bag: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is optional (requirements/parquet.lock)")
+    recorded, dataset = positions(bag), str(tmp_path / "demonstrations")
+    words = ["--format", "lerobot", "--out", dataset, "--fps", "50", "--episodes", str(bag)]
+    assert main(["export", str(bag), *words]) == 0
+    assert "2 episodes" in capfd.readouterr().err
+    desired = str(tmp_path / "teleoperation")
+    assert main(["export", str(bag), "--format", "lerobot", "--out", desired, "--actions", "reference"]) == 0
+    frames = parquet.read_table(Path(desired) / "data").to_pydict()
+    state, action = np.array(frames["observation.state"]), np.array(frames["action"])
+    assert 0.0 < np.abs(action - state).max() < 0.1
+    assert not np.array_equal(action[:-1], state[1:])
+    elsewhere = [f"{q + 0.2:.3f}" for q in recorded[-1]]
+    assert main(["move", "--to", *elsewhere, "--namespace", SPACE, "--json"]) == 0
+    capfd.readouterr()
+    assert main(["replay-motion", dataset, "--episode", "1", "--namespace", SPACE, "--json"]) == 0
+    assert json.loads(capfd.readouterr().out)["duration"] > 0.5
+
+    def arrived() -> bool:
+        newest = system.states[-1]
+        return bool(np.abs(np.array(in_order(newest, newest.position)) - recorded[-1]).max() < 0.01)
+
+    system.testbed.spin_until(arrived, "the last posture of the demonstration")
+
+
 def test_a_motion_beyond_a_limit_is_refused_before_it_begins(
     bag: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,15 +1,17 @@
 """Streams of targets on the real nodes: a loop in lockstep, and a trajectory node whose time the test decides."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 import pytest
+from control_msgs.msg import JointJog
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from support.testbed import Testbed, open_testbed
 from support.trajectory_rig import NAMES, PERMUTED, PRACTICAL, Rig, point, sine, trajectory
 from trajectory_msgs.msg import JointTrajectory
@@ -104,17 +106,20 @@ class StreamRig(Rig):
         node = self.testbed.node
         self.targets = node.create_publisher(JointState, "trajectory/joint_target", 10)
         self.chunks = node.create_publisher(JointTrajectory, "trajectory/joint_target_trajectory", 10)
+        self.arrays = node.create_publisher(Float64MultiArray, "trajectory/joint_target_array", 10)
+        self.jogs = node.create_publisher(JointJog, "trajectory/joint_jog", 10)
         self.reports: list[DiagnosticArray] = []
         node.create_subscription(DiagnosticArray, "/diagnostics", self.reports.append, 10)
         super().__post_init__()
-        publishers = (self.targets, self.chunks)
+        publishers = (self.targets, self.chunks, self.arrays, self.jogs)
         self.testbed.spin_until(lambda: all(p.get_subscription_count() for p in publishers), "the topics")
         self.t = 10.0
         self.at(self.t)
 
     def publish_target(self, message: Any) -> None:
-        """Send a target or a chunk; it arrives before the next joint state."""
-        (self.chunks if isinstance(message, JointTrajectory) else self.targets).publish(message)
+        """Send a target, a chunk or a jog; it arrives before the next joint state."""
+        topics = {JointTrajectory: self.chunks, Float64MultiArray: self.arrays, JointJog: self.jogs}
+        topics.get(type(message), self.targets).publish(message)
 
     def stream(self, seconds: float, velocity: float = 0.1, begin: float = 0.0) -> Vector:
         """References at every 4 ms, shape (samples, 3, joints), while a 50 Hz stream moves on from `begin`, rad."""
@@ -259,3 +264,88 @@ def test_nothing_is_followed_before_there_is_a_joint_state(testbed: Testbed) -> 
     testbed.spin_until(targets.get_subscription_count, "the trajectory node")
     targets.publish(target([0.0, 0.0], 1.0))
     testbed.spin_until(lambda: "no joint state received yet" in process.log.read_text(), "the reason")
+
+
+SERVO = 0.012
+"""Publish period of MoveIt Servo, s; its messages are those of its published sources."""
+
+
+def one_point(rig: StreamRig, k: int, velocity: float) -> JointTrajectory:
+    """Up to Iron: a point without a stamp, one period ahead."""
+    return trajectory(point(SERVO, [velocity * SERVO * (k + 1)] * 2, [velocity] * 2))
+
+
+def window(rig: StreamRig, k: int, velocity: float) -> JointTrajectory:
+    """From Jazzy on: what was sent in the last 0.1 s, and reaches 0.1 s ahead, less the newest point."""
+    steps = range(max(k - 20, 0), k + 2)
+    way = [point(SERVO * (i - steps[0]), [velocity * SERVO * i] * 2, [velocity] * 2) for i in steps]
+    return trajectory(*way, start=rig.t + SERVO * (steps[0] - k) + 0.1)
+
+
+def no_velocities(rig: StreamRig, k: int, velocity: float) -> JointTrajectory:
+    """With publish_joint_velocities: false."""
+    return trajectory(point(SERVO, [velocity * SERVO * (k + 1)] * 2))
+
+
+def array(rig: StreamRig, k: int, velocity: float) -> Float64MultiArray:
+    """With command_out_type: std_msgs/Float64MultiArray."""
+    return Float64MultiArray(data=[velocity * SERVO * (k + 1)] * 2)
+
+
+def jog(rig: StreamRig, k: int, velocity: float) -> JointJog:
+    """What Servo itself receives."""
+    message = JointJog(joint_names=["joint2", "joint1"], velocities=[velocity] * 2)
+    set_stamp(message.header.stamp, round(rig.t * 1e9))
+    return message
+
+
+@pytest.mark.parametrize("form", [one_point, window, no_velocities, array, jog])
+def test_what_moveit_servo_sends_is_followed(rig: StreamRig, form: Callable[..., Any]) -> None:
+    samples = []
+    for k in range(100):
+        rig.publish_target(form(rig, k, 0.1))
+        samples += [rig.go_on() for _ in range(3)]
+    moving = np.array(samples)
+    np.testing.assert_allclose(moving[-40:, 1], 0.1, atol=0.01)
+    np.testing.assert_allclose(moving[-1, 0], 0.12, atol=0.015)
+    assert np.abs(moving[:, 2]).max() <= 5.0 + 1e-9
+    rest = rig.go_on(1.0)
+    assert not rest[1:].any()
+    np.testing.assert_allclose(rest[0], 0.12, atol=0.04)
+
+
+SERVO_REFUSED = [
+    (trajectory(point(SERVO, [], [0.1, 0.1])), "it needs positions"),
+    (Float64MultiArray(data=[0.1, -0.2]), "send positions, not velocities, in the order joint1, joint2"),
+    (Float64MultiArray(data=[0.1]), "data has 1 values for 2 joints"),
+    (Float64MultiArray(data=[0.1, NAN]), "data is not finite"),
+    (JointJog(joint_names=["joint1"], displacements=[0.1]), "displacements are not followed; send velocities"),
+    (JointJog(joint_names=["joint1"], velocities=[0.1, 0.1]), "velocities has 2 values for 1 joints"),
+    (JointJog(joint_names=["joint1"], velocities=[math.inf]), "velocities is not finite"),
+    (trajectory(point(0.1, [0.0, 0.0]), point(0.2, [0.0, 0.0]), start=1.7e9), "use_sim_time"),
+    (trajectory(point(0.1, [0.0, 0.0]), point(0.2, [0.0, 0.0]), start=0.5), "use_sim_time"),
+]
+
+
+@pytest.mark.parametrize(("message", "cure"), SERVO_REFUSED)
+def test_what_moveit_servo_should_send_otherwise_is_refused_with_the_cure(
+    rig: StreamRig, message: Any, cure: str
+) -> None:
+    before = rig.log().count(cure)
+    rig.publish_target(message)
+    rig.testbed.spin_until(lambda: rig.log().count(cure) > before, cure)
+    assert not rig.go_on(0.1)[1:].any()
+
+
+def test_servo_on_the_topic_of_whole_trajectories_is_sent_to_that_of_streams(rig: StreamRig) -> None:
+    rig.send(one_point(rig, 0, 0.1), "a stream goes to ~/joint_target_trajectory")
+
+
+def test_another_target_ends_a_jog(rig: StreamRig) -> None:
+    for k in range(20):
+        rig.publish_target(jog(rig, k, 0.3))
+        rig.go_on(0.012)
+    for _ in range(40):
+        rig.publish_target(target([0.0, 0.0], rig.t))
+        reference = rig.go_on(0.012)
+    assert np.abs(reference[0]).max() < 0.01

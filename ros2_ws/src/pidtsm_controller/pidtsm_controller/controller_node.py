@@ -12,6 +12,7 @@ from pidtsm_controller.activity_watch import ActivityWatch
 from pidtsm_controller.adaptation_watch import AdaptationWatch
 from pidtsm_controller.learnt_file import LearntFile
 from pidtsm_controller.payload_watch import PayloadWatch
+from pidtsm_controller.stiffness_topics import StiffnessTopics
 from pidtsm_controller.watchdog import CHECK, Watchdog
 from pidtsm_controller.wrench_watch import WrenchWatch
 from pidtsm_core.control import Condition, Controller, Count
@@ -106,6 +107,7 @@ class ControllerNode(ManagedNode):
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
         self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
         self._wrench = WrenchWatch(self, self._controller) if self.values[WRENCH_PUBLISHED.name] else None
+        self._stiffness = StiffnessTopics(self, self._controller)
         self._adaptation = AdaptationWatch(self._controller)
         kept = str(self.values[LEARNT_FILE.name])
         self._learnt = LearntFile(kept, self._controller, tuple(joints), self.get_logger()) if kept else None
@@ -362,6 +364,7 @@ class ControllerNode(ManagedNode):
             idle, level = "stopped by a fault; call ~/reset_fault to continue", DiagnosticStatus.ERROR
         elif self._status is not None:
             idle = self._idle(Mode(self._status[Status.MODE]))
+        self._stiffness.save()
         readings += self._adaptation.readings()
         for line in self._adaptation.news():
             self.get_logger().info(line)

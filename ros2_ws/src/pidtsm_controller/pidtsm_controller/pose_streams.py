@@ -97,7 +97,7 @@ class PoseStreams:
             now: stamp of the joint state, ns.
         """
         self._now = now
-        if self._twist is not None and now - self._twist_came > self._timeout:
+        if self._twist is not None and (now - self._twist_came > self._timeout or self._streams.source != TWIST):
             self._twist = None
         if self._twist is not None and now - self._last >= _TICK:
             self._add(_Waiting(TWIST, self._twist, now, self._since(now)), now)
@@ -141,6 +141,7 @@ class PoseStreams:
         except TrajectoryError as error:
             raise MessageError(str(error)) from None
         self._twist, stamp = None, nanoseconds(message.header.stamp)
+        self._streams.source = POSE
         self._add(_Waiting(POSE, PoseTarget(message.header.frame_id, pose), stamp, self._since(self._now)), self._now)
 
     def _on_twist(self, message: TwistStamped) -> None:
@@ -152,7 +153,7 @@ class PoseStreams:
         except TrajectoryError as error:
             raise MessageError(str(error)) from None
         self._twist = TwistTarget(message.header.frame_id, of_origin, turning)
-        self._twist_came = self._now
+        self._twist_came, self._streams.source = self._now, TWIST
 
     def _check(self) -> None:
         """Check that targets can be followed.

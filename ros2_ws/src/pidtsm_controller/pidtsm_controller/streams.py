@@ -4,16 +4,18 @@ from collections.abc import Callable
 
 import numpy as np
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_controller.trajectory_points import places, read_points
 from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import as_float
 from pidtsm_core.parameters.joints import ABSURD, MessageError
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_core.trajectories.splice import MotionUnderWay
-from pidtsm_core.trajectories.streams import StreamFilter
+from pidtsm_core.trajectories.streams import BLEND, StreamFilter
 from pidtsm_ros.diagnostics import Reading
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import nanoseconds
@@ -22,16 +24,18 @@ _DEPTH = 10
 """Queue length: old targets are useless."""
 _PAUSE = NANOSECONDS // 2
 """A stream that another motion has replaced must pause so long before it is followed again, ns."""
+TARGET, CHUNK, ARRAY = "~/joint_target", "~/joint_target_trajectory", "~/joint_target_array"
 
 
 class Streams:
-    """Receives targets on ``~/joint_target``, and chunks of them on ``~/joint_target_trajectory``.
+    """Receives targets on ``~/joint_target`` and ``~/joint_target_array``, and chunks on ``~/joint_target_trajectory``.
 
     The first target of a stream takes over from any motion; another motion takes over from a stream, whose further
     targets are then rejected until it has paused.
 
     Attributes:
         stopped: that the stream has stopped, for diagnostics; empty if it has not, or another motion has followed.
+        source: topic of the last message; what other topics have begun is over.
     """
 
     def __init__(self, node: ManagedNode, limits: MotionLimits, replace: Callable[[str], None]) -> None:
@@ -42,15 +46,16 @@ class Streams:
             limits: of the arm.
             replace: called with what takes over from the motion, before a stream does.
         """
-        self._log, self._replace = node.get_logger(), replace
+        self._node, self._log, self._replace = node, node.get_logger(), replace
         self._joints, self._filter = limits.joints, StreamFilter(limits)
         self._motion: MotionUnderWay | None = None
         self._now = self._received = 0  # ns
         self._busy = self._gave_way = False
         self._warned = ""
-        self.stopped = ""
-        node.listen(JointState, "~/joint_target", self._on_target, depth=_DEPTH)
-        node.listen(JointTrajectory, "~/joint_target_trajectory", self._on_chunk, depth=_DEPTH)
+        self.stopped = self.source = ""
+        node.listen(JointState, TARGET, self._on_target, depth=_DEPTH)
+        node.listen(JointTrajectory, CHUNK, self._on_chunk, depth=_DEPTH)
+        node.listen(Float64MultiArray, ARRAY, self._on_array, depth=_DEPTH)
 
     def advance(self, now: int, motion: MotionUnderWay, busy: bool) -> None:
         """Move on; call before the reference of `now` is evaluated.
@@ -139,8 +144,25 @@ class Streams:
             if not (np.abs(values) < ABSURD).all():
                 raise MessageError(f"{field} is not finite, or absurd")
             row[columns] = values
-        velocity = targets[1] if len(message.velocity) else None
+        velocity, self.source = targets[1] if len(message.velocity) else None, TARGET
         self._take(lambda: self._filter.receive(self._now, nanoseconds(message.header.stamp), targets[0], velocity))
+
+    def _on_array(self, message: Float64MultiArray) -> None:
+        """A target of all joints in the order of the node."""
+        position, held = np.array(message.data), self.held()
+        if position.size != held.size:
+            raise MessageError(f"data has {position.size} values for {held.size} joints")
+        if not (np.abs(position) < ABSURD).all():
+            raise MessageError("data is not finite, or absurd")
+        distance, tolerance = np.abs(position - held), as_float(self._node.values["start_tolerance"])
+        if not self.following and distance.max() > tolerance:  # Without names, nothing else tells what they are.
+            raise MessageError(
+                f"the first target is too far from the reference of {self._joints[int(distance.argmax())]}; at most "
+                f"{tolerance:g} is allowed (start_tolerance): send positions, not velocities, in the order "
+                f"{', '.join(self._joints)}"
+            )
+        self.source = ARRAY
+        self._take(lambda: self._filter.receive(self._now, 0, position))
 
     def _on_chunk(self, message: JointTrajectory) -> None:
         if not message.points:
@@ -149,7 +171,15 @@ class Streams:
         times, given = read_points(message)
         positions = np.tile(self.held(), (len(times), 1))
         positions[:, columns] = given[:, 0]
-        start = nanoseconds(message.header.stamp)
+        start, self.source = nanoseconds(message.header.stamp), CHUNK
+        if len(times) == 1 and 0.0 <= times[0] < BLEND:  # Too short to take over as a chunk: a target.
+            stamp = start + round(times[0] * NANOSECONDS) if start else 0
+            velocity = None
+            if given.shape[1] > 1:
+                velocity = np.zeros(len(self._joints))
+                velocity[columns] = given[0, 1]
+            self._take(lambda: self._filter.receive(self._now, stamp, positions[0], velocity))
+            return
         self._take(lambda: self._filter.receive_chunk(self._now, start, times, positions))
 
     def _take(self, receive: Callable[[], str]) -> None:

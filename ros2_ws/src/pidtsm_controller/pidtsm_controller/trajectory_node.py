@@ -11,9 +11,10 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from pidtsm_controller.controller_watch import ControllerWatch
+from pidtsm_controller.joint_jogs import JointJogs
 from pidtsm_controller.large_trajectories import LARGE, LargeTrajectories
 from pidtsm_controller.pose_streams import PoseStreams
-from pidtsm_controller.streams import Streams
+from pidtsm_controller.streams import CHUNK, Streams
 from pidtsm_controller.trajectory_points import places, read_points
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment.node_parameters import trajectory_node_schema
@@ -93,6 +94,7 @@ class TrajectoryNode(ManagedNode):
         self._offer_action()
         self._streams = Streams(self, self._limits, self._replace_goals)
         self._poses = PoseStreams(self, self._limits, self._streams, self.values)
+        self._jogs = JointJogs(self, self._limits, self._streams, self.values)
         self._listening = False
         self._large = LargeTrajectories(self, self._limits, self.lockstep)
         self.listen(JointTrajectory, "joint_trajectory", self._receive_trajectory, raw=True, reliable=True)
@@ -102,6 +104,7 @@ class TrajectoryNode(ManagedNode):
         self._began = -1
         self._streams.forget()
         self._poses.forget()
+        self._jogs.forget()
 
     def deactivate(self) -> None:
         self._large.forget("nothing, as the node was deactivated,")
@@ -184,6 +187,7 @@ class TrajectoryNode(ManagedNode):
         self._large.advance(stamp, self._motion, self._large_takes_over)
         self._streams.advance(stamp, self._motion, bool(self._goals and self._goals.busy))
         self._poses.advance(stamp)
+        self._jogs.advance(stamp)
         if self._goals:
             self._goals.trouble = self._watch.trouble
             self._goals.advance(stamp, self._motion)
@@ -215,6 +219,7 @@ class TrajectoryNode(ManagedNode):
         """
         self._streams.forget()
         self._poses.forget()
+        self._jogs.forget()
         self._large.forget("a stop, as the clock was set,")
         self._motion.move(stamp - before)
         self._motion.evaluate(stamp, self._desired)
@@ -265,7 +270,8 @@ class TrajectoryNode(ManagedNode):
         try:
             self._motion.follow(last, start, times, points, as_float(self.values["start_tolerance"]))
         except TrajectoryError as error:
-            raise MessageError(str(error)) from None
+            moves = points.shape[1] > 1 and points[-1, 1].any()
+            raise MessageError(f"{error}; a stream goes to {CHUNK}" if moves else str(error)) from None
         self._streams.give_way()
         self._replace_goals("a trajectory on joint_trajectory")
         self.get_logger().info(f"following a trajectory of {len(times)} points, {times[-1]:g} s")

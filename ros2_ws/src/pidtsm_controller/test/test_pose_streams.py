@@ -154,6 +154,20 @@ def test_a_twist_moves_the_tool_until_no_more_come(rig: Rig) -> None:
     np.testing.assert_allclose(gone[[0, 2]], 0.0, atol=2e-3)
 
 
+def test_a_twist_in_the_frame_of_the_tool_has_its_axes(rig: Rig) -> None:
+    """As MoveIt Servo's users send it: about the origin of the tool, stamped by another clock."""
+    assert isinstance(PANDA, TreeRobot)
+    link = PANDA.description.links.names[PANDA.description.tool_link]
+    position, rotation = tool_by_mujoco(np.array(START))
+    message = TwistStamped()
+    message.twist.linear.z = -0.1
+    moving = rig.stream(rig.twists, message, link, times=50)
+    gone, turned = tool_by_mujoco(moving[-1, 0])
+    np.testing.assert_allclose(rotation.T @ (gone - position) / np.linalg.norm(gone - position), [0, 0, -1], atol=0.02)
+    np.testing.assert_allclose(turned, rotation, atol=5e-3)
+    assert np.linalg.norm(gone - position) == pytest.approx(0.1, abs=0.02)
+
+
 def test_what_cannot_be_followed_is_refused_by_name(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     reasons: list[str] = []
     reject = rig.made.node.reject

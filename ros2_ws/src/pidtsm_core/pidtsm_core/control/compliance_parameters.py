@@ -1,6 +1,6 @@
 """Parameters of the compliance, and how a step reads and remembers them, see compliance.py."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -29,15 +29,20 @@ _DEAD_ZONE = Parameter(
 )
 _NOTICED = 0.02
 """The default of the dead zone, as a share of limits.effort."""
-_COMPLIANCE = (
-    SPACE,
-    Parameter(
+STIFFNESS_OF = {
+    "tool": Parameter(
         "compliance.stiffness",
         (1000.0, 1000.0, 1000.0, 50.0, 50.0, 50.0),
         "of the tool along x, y, z of the base (N/m) and about them (N m/rad)",
         minimum=0.0,
         length=POSE,
     ),
+    "joint": Parameter("compliance.joint_stiffness", 100.0, "of each joint", "N m/rad", minimum=0.0, per_joint=True),
+}
+"""The parameter of the stiffness, by what is on springs."""
+_COMPLIANCE = (
+    SPACE,
+    STIFFNESS_OF["tool"],
     Parameter(
         "compliance.limit",
         (0.0,) * POSE,
@@ -46,7 +51,7 @@ _COMPLIANCE = (
         minimum=0.0,
         length=POSE,
     ),
-    Parameter("compliance.joint_stiffness", 100.0, "of each joint", "N m/rad", minimum=0.0, per_joint=True),
+    STIFFNESS_OF["joint"],
     Parameter(
         "compliance.joint_limit", 0.0, "of the spring of each joint; 0: none", "N m", minimum=0.0, per_joint=True
     ),
@@ -138,6 +143,28 @@ def check_compliance(settings: Mapping[str, object], rejection: str) -> None:
     if settings.get(SPACE.name, "none") != "none" and settings.get(rejection) is not True:
         reason = f"{SPACE.name}: set {rejection} to true, or else the law does not resist what the reference yields to"
         raise ParameterError(reason, SPACE.name)
+
+
+def write_stiffness(config: ComplianceConfig, space: str, stiffness: Sequence[float]) -> Value:
+    """Write another stiffness in place, to which the gains move slowly, see compliance.py.
+
+    Args:
+        config: of the controller.
+        space: what is on springs, tool or joint.
+        stiffness: of the tool along and about x, y, z, shape (6,), N/m and N m/rad; or of the joints, shape (joints,)
+            or (1,), N m/rad.
+
+    Returns:
+        The value as the parameter has it.
+
+    Raises:
+        ParameterError: its number is wrong, or one is negative, not finite or absurd; nothing changes.
+    """
+    joints = config.dead_zone.size
+    value = STIFFNESS_OF[space].check(list(stiffness), joints)
+    first, size = (GAINS.STIFFNESS, POSE) if space == "tool" else (GAINS.JOINTS, joints)
+    config.gains[first : first + size] = value
+    return value
 
 
 def make_compliance(values: Mapping[str, Value], robot: Robot) -> ComplianceConfig:

@@ -29,7 +29,7 @@ ANGULAR_VELOCITY = Parameter(
 TWIST_TIMEOUT = Parameter(
     "poses.twist_timeout",
     0.25,
-    "the tool comes to rest if no twist has come for this time",
+    "the arm comes to rest if no twist, or no jog of joints, has come for this time",
     "s",
     minimum=0.0,
     exclusive=True,

@@ -18,6 +18,9 @@ from pidtsm_core.trajectories.target_curve import FADE, evaluate, velocities
 
 LONGEST_CHUNK = 1000
 """Largest number of points of a chunk."""
+FARTHEST = 10.0
+"""Time after which a chunk may start at the latest, s."""
+_OTHER_CLOCK = "; its stamp must be on the clock of the joint states (use_sim_time of the sender)"
 BLEND = 0.2
 """Time in which a chunk takes over from the one before, s."""
 SILENCE, _PATIENCE = 0.1, 0.05
@@ -255,7 +258,7 @@ class StreamFilter:
 
         Raises:
             TrajectoryError: a number is not finite, the times do not increase, there are more than `LONGEST_CHUNK`
-                points, or all are over.
+                points, all are over, or it starts later than `FARTHEST`.
         """
         if len(times) > LONGEST_CHUNK:
             raise TrajectoryError(f"it has {len(times)} points; at most {LONGEST_CHUNK} are allowed")
@@ -263,8 +266,12 @@ class StreamFilter:
         if not len(times) or not np.isfinite(times).all() or times[0] < 0.0 or np.any(np.diff(times) <= 0.0):
             raise TrajectoryError("time_from_start must begin at 0 or later, and increase from point to point")
         start = start or now
+        late = seconds(now - start)
+        clock = _OTHER_CLOCK if abs(late) > FARTHEST else ""
         if start + int(times[-1] * NANOSECONDS) <= now:
-            raise TrajectoryError(f"it is over: it started {seconds(now - start):g} s ago and takes {times[-1]:g} s")
+            raise TrajectoryError(f"it is over: it started {late:g} s ago and takes {times[-1]:g} s{clock}")
+        if late < -FARTHEST:
+            raise TrajectoryError(f"it starts {-late:g} s from now; at most {FARTHEST:g} s is allowed{clock}")
         if not self._received:
             self._epoch = now
         positions, warning = self._possible(positions)

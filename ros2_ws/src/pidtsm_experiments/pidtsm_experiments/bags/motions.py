@@ -3,10 +3,13 @@
 from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.recording import Stamps
+from pidtsm_core.timing import NANOSECONDS
 from pidtsm_experiments.bags.columns import read_topic
 from pidtsm_experiments.bags.errors import RecordingError, damaged
 from pidtsm_experiments.bags.metadata import run_metadata
@@ -21,17 +24,35 @@ SOURCES: Mapping[str, tuple[WantedTopic, ...]] = {
 """Topics to read a motion from, by kind of position; the first one in the bag is used."""
 
 
+class StampedPositions(NamedTuple):
+    """Positions of a bag.
+
+    Attributes:
+        joints: names.
+        stamps: of the messages, ns, increasing, shape (messages,).
+        position: rad or m, shape (messages, joints).
+        robot: parameters of the robot that the recorder has stored; empty if there are none.
+    """
+
+    joints: tuple[str, ...]
+    stamps: Stamps
+    position: Array
+    robot: Mapping[str, object]
+
+
 def read_positions(path: Path, source: str) -> tuple[tuple[str, ...], Array, Array, Mapping[str, object]]:
+    """Names of the joints, time from the first message (s), positions and robot; see `read_stamped_positions`."""
+    found = read_stamped_positions(path, source)
+    return found.joints, (found.stamps - found.stamps[0]) / NANOSECONDS, found.position, found.robot
+
+
+def read_stamped_positions(path: Path, source: str) -> StampedPositions:
     """Positions of a bag, in any namespace.
 
     Args:
         path: rosbag2 folder (MCAP or SQLite), or one .mcap or .db3 file; a bag that was not finished is read as far as
             possible.
         source: one of `SOURCES`.
-
-    Returns:
-        Names of the joints; time by the stamps, s, increasing, shape (messages,); positions, rad or m, shape (messages,
-        joints); and the parameters of the robot that the recorder has stored, empty if there are none.
 
     Raises:
         RecordingError: not a bag, no such topic or those of two robots, or values that are missing or not finite.
@@ -43,7 +64,7 @@ def read_positions(path: Path, source: str) -> tuple[tuple[str, ...], Array, Arr
                 if connections := connections_with_messages(topic, reader.connections):
                     joints, columns = read_topic(reader, topic, connections)
                     columns = columns.at(np.flatnonzero(columns.filled))
-                    return joints, (columns.stamps - columns.stamps[0]) / 1e9, columns.values[0], robot
+                    return StampedPositions(joints, columns.stamps, columns.values[0], robot)
             present = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})
             raise RecordingError(f"the bag has no messages {source}; it has {', '.join(present)}")
     except RecordingError as error:

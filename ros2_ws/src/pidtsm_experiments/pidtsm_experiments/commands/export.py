@@ -16,6 +16,11 @@ from pidtsm_core.errors import UsageError, how_to_install
 from pidtsm_core.recording import Recording
 from pidtsm_experiments.bags.errors import RecordingError
 from pidtsm_experiments.bags.tables import Table, message_table, sample_table
+from pidtsm_experiments.commands.export_demonstrations import (
+    add_demonstration_arguments,
+    refuse_demonstration_options,
+    write_demonstrations,
+)
 from pidtsm_experiments.commands.export_played import add_played_arguments, played_formats, write_played
 from pidtsm_experiments.commands.options import CONSOLE, read
 from pidtsm_experiments.runs.files import writable_file, write_file
@@ -38,12 +43,16 @@ frames of the reference begin with reference/. --rerun has the arm and its refer
 error and effort of each joint, and faults, modes and other events. Both need the description of the arm, which a bag
 of pidtsm names; for another bag name it with --robot.
 
+Learned from. --format lerobot makes a dataset of LeRobot (v3.0) of demonstrations that were recorded in freedrive or
+teleoperation: a folder, which ./pidtsm replay-motion and LeRobot read. Each bag is an episode.
+
 examples:
   ./pidtsm export results/demo --csv demo.csv
   ./pidtsm export results/demo --foxglove
   ./pidtsm export results/demo --rerun --out demo.rrd
   ./pidtsm export my_bag --foxglove --robot my_arm.urdf --out my_bag.mcap
   ./pidtsm export my_bag --messages --parquet my_bag.parquet
+  ./pidtsm export first_bag --episodes second_bag --format lerobot --task "Open the door." --out doors
   python -c "import pandas; print(pandas.read_csv('demo.csv', index_col='time').filter(like='error.').abs().max())"
 """
 
@@ -54,13 +63,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", type=Path, metavar="FILE", help="file to write, as CSV")
     parser.add_argument("--parquet", type=Path, metavar="FILE", help="file to write, as Parquet (needs pyarrow)")
     parser.add_argument("--messages", action="store_true", help="one row per message and joint, also of a run")
+    parser.add_argument(
+        "--format",
+        choices=("lerobot", "csv", "parquet"),
+        help="what to write to --out (default: beside the bag, with its name: BAG_lerobot, BAG.csv, BAG.parquet)",
+    )
     add_played_arguments(parser)
+    add_demonstration_arguments(parser)
 
 
 def execute(options: argparse.Namespace) -> int:
+    if options.format == "lerobot":
+        if others := [name for name in ("csv", "parquet", "messages", "foxglove", "rerun") if getattr(options, name)]:
+            raise UsageError(f"--format lerobot and --{others[0]}: export one after the other")
+        write_demonstrations(options)
+        return 0
+    refuse_demonstration_options(options)
+    if options.format and getattr(options, options.format) is None:
+        named = options.out or options.run.with_name(f"{options.run.absolute().stem}.{options.format}")
+        setattr(options, options.format, named)
+        options.out = None
     played = played_formats(options)
     if options.csv is None and options.parquet is None and not played:
-        raise UsageError("export: name a file with --csv or --parquet, or ask for --foxglove or --rerun")
+        raise UsageError(
+            "export: name a file with --csv or --parquet, or ask for --foxglove, --rerun or --format lerobot"
+        )
     places = {
         option: writable_file(file, f"--{option}")
         for option, file in (("csv", options.csv), ("parquet", options.parquet))

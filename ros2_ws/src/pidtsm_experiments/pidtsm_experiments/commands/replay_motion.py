@@ -4,11 +4,13 @@ import argparse
 import json
 import math
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.robots import OF_ARM
 from pidtsm_core.signals import Mode
@@ -27,6 +29,7 @@ from pidtsm_experiments.bags.motions import SOURCES, read_positions
 from pidtsm_experiments.commands.arm_options import add_arm_arguments, introduce, read_arm
 from pidtsm_experiments.commands.options import CONSOLE, progress_bar
 from pidtsm_experiments.errors import RunError
+from pidtsm_experiments.export.lerobot import ACTION, STATE, is_dataset, read_episode
 from pidtsm_experiments.runs.saved import bag_of
 
 if TYPE_CHECKING:
@@ -40,6 +43,7 @@ examples:
   ./pidtsm replay-motion my_bag --dry-run
   ./pidtsm replay-motion my_bag --speed 0.5
   ./pidtsm replay-motion my_bag --from reference --namespace left
+  ./pidtsm replay-motion doors --episode 1
 
 exit codes: 0 the arm is at the last posture, 1 it is not, or the motion exceeds a limit, 2 bad usage or input,
 130 interrupted; the arm is at rest
@@ -54,13 +58,15 @@ _CLOSE = 0.01
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = _EPILOG
-    parser.add_argument("bag", type=Path, metavar="BAG", help="any bag, or a result folder")
+    parser.add_argument("bag", type=Path, metavar="BAG", help="any bag, a result folder, or a dataset of LeRobot")
+    parser.add_argument("--episode", type=int, metavar="N", help="of a dataset of LeRobot (default: 0)")
     parser.add_argument(
         "--from",
         dest="source",
         choices=tuple(SOURCES),
         default="joint_states",
-        help="topic with the positions (default: joint_states)",
+        help="topic with the positions (default: joint_states); of a dataset, joint_states means observation.state, "
+        "and reference means action",
     )
     parser.add_argument("--speed", type=float, default=1.0, metavar="X", help="2: twice as fast (default: 1)")
     parser.add_argument("--dry-run", action="store_true", help="show joints, duration and velocities, and move nothing")
@@ -76,7 +82,7 @@ def execute(options: argparse.Namespace) -> int:
         arm.settings()  # Refused here if it cannot be used, before the bag is read.
         arm.robot()
     try:
-        joints, times, position, stored = read_positions(bag_of(options.bag), options.source)
+        joints, times, position, stored = _read(options)
         motion = recorded_motion(joints, times, position, options.speed)
     except (RecordingError, TrajectoryError) as error:
         raise UsageError(str(error)) from None
@@ -89,6 +95,16 @@ def execute(options: argparse.Namespace) -> int:
         _require_limits(motion, limits, options.speed)
         return 0
     return _replay(motion, options)
+
+
+def _read(options: argparse.Namespace) -> tuple[tuple[str, ...], Array, Array, Mapping[str, object]]:
+    """As `read_positions`, also of a dataset, which has no parameters of the robot."""
+    if is_dataset(options.bag):
+        feature = STATE if options.source == "joint_states" else ACTION
+        return *read_episode(options.bag, options.episode or 0, feature), {}
+    if options.episode is not None:
+        raise UsageError(f"--episode {options.episode}: {options.bag} is no dataset of LeRobot")
+    return read_positions(bag_of(options.bag), options.source)
 
 
 def _known_limits(options: argparse.Namespace, stored: Any) -> MotionLimits | None:
