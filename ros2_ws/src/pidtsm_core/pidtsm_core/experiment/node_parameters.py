@@ -16,6 +16,7 @@ from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
 from pidtsm_core.poses.parameters import PARAMETERS as OF_POSES
 from pidtsm_core.references import reference_schema
 from pidtsm_core.robots import TreeRobot, find_robot
+from pidtsm_core.simulation import gripper
 from pidtsm_core.simulation.simulator import simulator_schema
 from pidtsm_core.trajectories import limits
 
@@ -112,6 +113,7 @@ EFFORT_REPORTED = Parameter(
 
 _SIMULATOR = (
     *_LOOP,
+    *gripper.PARAMETERS,
     VELOCITY_REPORTED,
     VELOCITY_CUTOFF,
     EFFORT_REPORTED,
@@ -141,6 +143,17 @@ PAYLOAD_OBSERVED = Parameter(
     "payload.observe",
     False,
     "estimate what the arm carries while it moves, and publish it on ~/payload; for arms that are read from a file",
+    read_only=True,
+)
+
+HELD_OBJECT = "gripper/object"
+"""Name of the topic on which a gripper publishes what it holds."""
+
+HELD_KNOWN = Parameter(
+    "payload.from_gripper",
+    False,
+    f"add what the gripper holds ({HELD_OBJECT}, geometry_msgs/InertiaStamped in the tool frame) to the payload, "
+    "within 1 s",
     read_only=True,
 )
 
@@ -183,6 +196,7 @@ _CONTROLLER = (
     Parameter("state.decimation", 1, "number of ticks per message on ~/state", minimum=1),
     LEARNT_FILE,
     PAYLOAD_OBSERVED,
+    HELD_KNOWN,
     WRENCH_PUBLISHED,
     Parameter(
         "payload.largest",
@@ -291,10 +305,12 @@ def check_node(node: str, settings: Mapping[str, object]) -> None:
 
     Raises:
         ParameterError: the estimator works only in a rollout, or the payload of a closed form is to be observed, or see
-            `limits.limits_schema`.
+            `limits.limits_schema` and `gripper.gripper_joints`.
     """
     if node == "trajectory":
         limits.limits_schema(settings)
+    if node == "simulator":
+        gripper.gripper_joints(settings)
     if node != "controller":
         return
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]
