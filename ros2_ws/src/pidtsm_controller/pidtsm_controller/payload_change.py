@@ -6,7 +6,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from pidtsm_core.control import Controller
 from pidtsm_core.control.payload_blend import PayloadBlend
-from pidtsm_core.experiment.node_parameters import HELD_OBJECT
+from pidtsm_core.experiment.node_parameters import FRAME_PREFIX, HELD_OBJECT
 from pidtsm_core.parameters.joints import ABSURD, MessageError
 from pidtsm_core.robots import TreeRobot, find_robot, payload_of
 from pidtsm_core.robots.payload import Payload, payload_settings, possible_inertia, together
@@ -75,7 +75,8 @@ class HeldObject:
         self._node, self._change = node, change
         arm = find_robot(node.values)
         self._has_shape = isinstance(arm, TreeRobot)
-        self._frame = arm.description.links.names[arm.description.tool_link] if isinstance(arm, TreeRobot) else ""
+        frame = arm.description.links.names[arm.description.tool_link] if isinstance(arm, TreeRobot) else ""
+        self._frame = f"{node.values[FRAME_PREFIX.name]}{frame}"
         self._beside: Payload | None = None  # what the arm carries besides; None: nothing is held
         node.listen(InertiaStamped, HELD_OBJECT, self._take, while_inactive=True, profile=KEPT)
 

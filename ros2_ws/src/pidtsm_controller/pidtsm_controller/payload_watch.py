@@ -5,6 +5,7 @@ from geometry_msgs.msg import InertiaStamped, Vector3
 
 from pidtsm_controller.payload_change import PayloadChange
 from pidtsm_core.control import Controller, Time
+from pidtsm_core.experiment.node_parameters import FRAME_PREFIX
 from pidtsm_core.identification.payload_observer import PayloadObserver
 from pidtsm_core.parameters import as_float
 from pidtsm_core.robots import TreeRobot, find_robot
@@ -35,7 +36,7 @@ class PayloadWatch:
         robot = find_robot(node.values)
         assert isinstance(robot, TreeRobot)  # The schema has checked it.
         self._robot = robot
-        self._frame = robot.description.links.names[robot.description.tool_link]
+        self._frame = f"{node.values[FRAME_PREFIX.name]}{robot.description.links.names[robot.description.tool_link]}"
         self._publisher = node.advertise(InertiaStamped, "~/payload")
         node.offer("~/take_payload", self._take)
         self.reset()

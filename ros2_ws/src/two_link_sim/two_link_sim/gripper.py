@@ -8,7 +8,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
-from pidtsm_core.experiment.node_parameters import HELD_OBJECT
+from pidtsm_core.experiment.node_parameters import FRAME_PREFIX, HELD_OBJECT
 from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.robots import TreeRobot, find_robot, payload_of
@@ -44,7 +44,7 @@ class SimulatedGripper:
             return
         robot = find_robot(node.values)
         assert isinstance(robot, TreeRobot)  # `Gripper` has checked it.
-        self._frame = robot.description.links.names[robot.description.tool_link]
+        self._frame = f"{node.values[FRAME_PREFIX.name]}{robot.description.links.names[robot.description.tool_link]}"
         self._publisher = node.advertise(InertiaStamped, HELD_OBJECT, KEPT)
         node.listen(JointTrajectory, "gripper/joint_trajectory", self._follow, profile=RELIABLE_READER)
         try:

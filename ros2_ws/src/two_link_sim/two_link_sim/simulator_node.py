@@ -8,7 +8,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pidtsm_core.experiment.node_parameters import simulator_node_schema
+from pidtsm_core.experiment.node_parameters import FRAME_PREFIX, simulator_node_schema
 from pidtsm_core.parameters import as_float, names
 from pidtsm_core.parameters.joints import JointOrder
 from pidtsm_core.robots import find_robot, robot_joints
@@ -95,7 +95,7 @@ class SimulatorNode(ManagedNode):
             self._input.message_type, self._input.name, on_command, raw=self._stamped, one_publisher=True
         )
         self._diagnostics = Diagnostics(self)
-        self._pushes = Pushes(find_robot(values).base, self._period)
+        self._pushes = Pushes(f"{values[FRAME_PREFIX.name]}{find_robot(values).base}", self._period)
         self.listen(WrenchStamped, pushes.TOPIC, self._pushes.take, profile=RELIABLE_READER)
         self.offer("~/reset", self._reset)
 
