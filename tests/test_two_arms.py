@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,9 @@ class Pair:
         states = self.states[side]
         return bool(states) and states[-1].mode == Mode.FOLLOWING
 
+    def sees(self, nodes: set[tuple[str, str]]) -> bool:
+        return nodes <= set(self.testbed.node.get_node_names_and_namespaces())
+
     def in_world(self, frame: str) -> Any:
         """Where a frame is, along the frames that were published."""
         found = np.eye(4)
@@ -120,7 +124,7 @@ def test_no_node_hears_or_speaks_to_the_other_side(pair: Pair) -> None:
     node = pair.testbed.node
     for side in BASES:
         own = {(name, f"/{side}") for name in ("simulator", "controller", "trajectory", "visualization")}
-        pair.testbed.spin_until(lambda own=own: own <= set(node.get_node_names_and_namespaces()), "all nodes are known")
+        pair.testbed.spin_until(partial(pair.sees, own), "all nodes are known")
         for name, _ in own:
             for listing in (node.get_subscriber_names_and_types_by_node, node.get_publisher_names_and_types_by_node):
                 topics = {topic for topic, _ in listing(name, f"/{side}")}
@@ -148,7 +152,7 @@ def test_the_example_moves_both(pair: Pair, monkeypatch: pytest.MonkeyPatch, cap
     inwards, back = (eval(line) for line in capfd.readouterr().out.splitlines())
     for side, way in (("left", -0.1), ("right", 0.1)):
         np.testing.assert_allclose(np.subtract(inwards[side], back[side]), [0.0, way, 0.0], atol=2e-3)
-        pair.testbed.spin_until(lambda side=side: pair.follows(side), "it follows")
+        pair.testbed.spin_until(partial(pair.follows, side), "it follows")
         assert np.abs(pair.states[side][-1].position_error).max() < 5e-3
         assert not pair.states[side][-1].fault
 

@@ -40,7 +40,7 @@ class Stiffness:
         if self._moved is None:
             known = min(max(float(values[0]), _LEAST), _MOST)
             if abs(known - self._slider.value) > 0.5 * _STEP:
-                self._slider.value = known
+                setattr(self._slider, "value", known)  # noqa: B010  viser's types do not know that it can be set.
         elif time.monotonic() - self._moved[0] > _RESTS:
             (_, client), self._moved = self._moved, None
             wanted = [float(self._slider.value)] * 3 + [float(value) for value in values[3:]]

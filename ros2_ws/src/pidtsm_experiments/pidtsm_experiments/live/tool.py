@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from viser import GuiEvent, TransformControlsEvent
 
@@ -47,8 +48,15 @@ class Tool:
         self._dragged, self._holder = -np.inf, -1  # when, s, and by which browser
         self._gizmo = scene.add_transform_controls("/tool", _GIZMO * self._size, visible=False, depth_test=False)
         size, none = self._size, np.zeros((1, 2, 3), dtype=np.float32)
-        thick = {"shaft_radius": 0.01 * size, "head_radius": 0.025 * size, "head_length": 0.06 * size}
-        self._arrow = scene.add_arrows("/wrench", none, _COLOR, visible=False, **thick)
+        self._arrow = scene.add_arrows(
+            "/wrench",
+            none,
+            _COLOR,
+            shaft_radius=0.01 * size,
+            head_radius=0.025 * size,
+            head_length=0.06 * size,
+            visible=False,
+        )
         self._box = desk.server.gui.add_checkbox("drag the tool", False, hint="a gizmo at the tool, which follows it")
         self._text = desk.server.gui.add_html("")
         self._shown = ""
@@ -58,7 +66,7 @@ class Tool:
             if event.client is None:
                 return
             if self._box.value:
-                self._box.value = False  # Until it is confirmed, if the arm is real.
+                self._check(on=False)  # Until it is confirmed, if the arm is real.
                 desk.act(event.client, "drag the tool", self._begin, moves=True)
             else:
                 self._gizmo.visible, self._holder = False, -1
@@ -68,12 +76,16 @@ class Tool:
             if self._gizmo.visible:
                 self._wanted = np.array(self._gizmo.position), np.array(self._gizmo.wxyz)
                 self._dragged = time.monotonic()
-                self._holder = -1 if event.phase == "end" else event.client_id
+                self._holder = -1 if event.phase == "end" or event.client_id is None else event.client_id
 
     async def _begin(self) -> None:
         self._desk.system.require("trajectory")
-        self._box.value = self._gizmo.visible = True
+        self._check(on=True)
+        self._gizmo.visible = True
         self._desk.system.note("the gizmo drags the tool")
+
+    def _check(self, on: bool) -> None:
+        setattr(self._box, "value", on)  # noqa: B010  viser's types do not know that it can be set.
 
     def _hear(self, message: WrenchStamped) -> None:
         force, torque = message.wrench.force, message.wrench.torque
@@ -116,7 +128,7 @@ class Tool:
             self._arrow.points = force_arrow(place, self._wrench[:3], self._size)
 
 
-def force_arrow(place: Array, force: Sequence[float] | Array, size: float) -> Array:
+def force_arrow(place: Array, force: Sequence[float] | Array, size: float) -> NDArray[Any]:
     """An arrow from the origin of the tool in the direction of a force, shape (1, 2, 3), m.
 
     Args:
