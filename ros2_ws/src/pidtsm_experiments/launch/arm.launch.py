@@ -20,7 +20,7 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import DEFAULT_SCENARIO, make_experiment, scenario_names
+from pidtsm_core.experiment import DEFAULT_SCENARIO, Experiment, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES, description_schema, find_description
 from pidtsm_core.simulation.mujoco_model import ENGINE
@@ -160,15 +160,13 @@ class _End:
         return [Shutdown(reason=f"{event.process_name} has ended")]
 
 
-def _actions(context: LaunchContext) -> list[Node]:
-    given = context.launch_configurations
-    _check(given)
-    clock, namespace = given["clock"], given["namespace"]
-    prefix, base = given["frame_prefix"], _numbers("base", given["base"])
+def _experiment(given: Mapping[str, str]) -> Experiment:
+    """What is to run."""
     nodes = ("simulator", "controller", "trajectory")
     overrides = [f"{node}.autostart={given['autostart']}" for node in nodes]
-    overrides += [f"{node}.frame_prefix={prefix}" for node in nodes if prefix]
-    experiment = make_experiment(
+    if given["frame_prefix"]:
+        overrides += [f"{node}.frame_prefix={given['frame_prefix']}" for node in nodes]
+    return make_experiment(
         given["scenario"] or None,
         given["law"] or None,
         _duration(given["duration"]),
@@ -176,6 +174,14 @@ def _actions(context: LaunchContext) -> list[Node]:
         [*overrides, *engine_overrides(given["engine"]), *_words("set", given["set"])],
         given["robot"] or None,
     )
+
+
+def _actions(context: LaunchContext) -> list[Node]:
+    given = context.launch_configurations
+    _check(given)
+    clock, namespace = given["clock"], given["namespace"]
+    prefix, base = given["frame_prefix"], _numbers("base", given["base"])
+    experiment = _experiment(given)
     viewed, recorded = given["viewer"] != "none", given["record"]
     shared = [(topic, f"/{topic}") for topic in ("tf", "tf_static")] if prefix or base else []
     others = viewed + bool(recorded)
