@@ -32,6 +32,7 @@ SHARED = (
     "errors",
     "expansion",
     "none",
+    "other_joints",
     "own",
     "payload",
     "picture",

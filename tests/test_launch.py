@@ -75,6 +75,16 @@ def test_a_launch_ends_with_its_recorder(testbed: Testbed) -> None:
     assert output.count("process has finished cleanly") == 3, output
 
 
+def test_two_arms_run_beside_each_other(testbed: Testbed) -> None:
+    both = LAUNCH_FILE.with_stem("two_arms.launch")
+    done = launch(testbed, "duration:=1.0", "left_set:=controller.law.kd=0.6", file=both)
+    output = done.stdout + done.stderr
+    assert done.returncode == 0, output
+    for side in ("left", "right"):
+        assert f"[{side}.controller]: following the reference" in output, output
+    assert output.count("process has finished cleanly") == 8, output
+
+
 def refused(testbed: Testbed, argument: str) -> str:
     """Output of a launch that starts nothing."""
     done = launch(testbed, argument)

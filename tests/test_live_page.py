@@ -71,6 +71,17 @@ def test_a_gain_changed_on_the_page_is_the_nodes_a_bad_one_is_refused_and_it_is_
     until(lambda: parameter(live.system, "law.k1") == before, "the gain of before")
 
 
+def test_a_slider_sets_the_stiffness_and_a_box_shows_the_gizmo(live: LivePage) -> None:
+    live.press("Controller")
+    live.step("stiffness [N/m]")
+    until(lambda: parameter(live.system, "compliance.stiffness")[:3] == (1010.0,) * 3, "the stiffness is set")
+    live.press("Undo")
+    live.press("Motion")
+    live.flip("drag the tool", on=True)
+    until(lambda: "the gizmo drags the tool" in live.text("#events"), "the gizmo is there")
+    live.flip("drag the tool", on=False)
+
+
 def test_freedrive_and_hold_are_switches_that_show_what_the_controller_does(live: LivePage) -> None:
     live.press("Controller")
     live.flip("freedrive", on=True)

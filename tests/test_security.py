@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from support.handy import ARM
 from support.testarms import TWO_LINK
 from support.testbed import Testbed
 
@@ -74,8 +75,13 @@ def graph(testbed: Testbed, node: str) -> Rules:
 
 def test_policy_is_exactly_what_the_nodes_use(testbed: Testbed) -> None:
     allowed = {node: rules for profiles in policy().values() for node, rules in profiles.items()}
-    testbed.start("simulator", "autostart:=false", "clock:=lockstep")
-    testbed.start("controller", "autostart:=false", "stop.brakes:=true", "external_wrench.publish:=true", *PAYLOAD)
+    handy = testbed.folder / "handy.urdf"
+    handy.write_text(ARM, encoding="utf-8")
+    testbed.start(
+        "simulator", "autostart:=false", "clock:=lockstep", f"robot.description:={handy}", "gripper.joints:=left"
+    )
+    options = ["stop.brakes:=true", "external_wrench.publish:=true", "payload.from_gripper:=true"]
+    testbed.start("controller", "autostart:=false", *options, *PAYLOAD)
     testbed.start("trajectory", "autostart:=false", f"robot.description:={TWO_LINK.description}")
     testbed.start("visualization")
     testbed.start("recorder", f"output:={testbed.folder / 'bag'}")

@@ -34,10 +34,12 @@ class LiveClient:
 
     Attributes:
         elements: by id, the message that has created each element of the page, with its present value and content.
+        scene: by name, the last properties of each part of the scene that has changed.
         received: number of bytes.
     """
 
     def __init__(self, connection: ClientConnection) -> None:
+        self.scene: dict[str, dict[str, Any]] = {}
         self.elements: dict[str, dict[str, Any]] = {}
         self.received = 0
         self._connection = connection
@@ -67,6 +69,10 @@ class LiveClient:
             element = self.elements.get(message["uuid"], {})
             for name, value in message["updates"].items():
                 (element if name in element else element.get("props", {}))[name] = value
+        elif kind == "SceneNodeUpdateMessage":
+            self.scene.setdefault(message["name"], {}).update(message["updates"])
+        elif kind == "SetSceneNodeVisibilityMessage":
+            self.scene.setdefault(message["name"], {})["visible"] = message["visible"]
         elif kind == "GuiRemoveMessage":
             self.elements.pop(message["uuid"], None)
         elif kind.startswith("Gui") and uuid is not None and "props" in message:

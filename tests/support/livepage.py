@@ -168,6 +168,17 @@ class LivePage:
         until(lambda: self.value(label) == value, f"{label} shows {value}")
         self.page.key("Enter", 13, "\r")
 
+    def step(self, label: str) -> None:
+        """Move a slider by one step to the right, with the keyboard."""
+        self._mark(
+            f"""const [found] = visible('label', {json.dumps(label)});
+            let around = found;
+            while (around && !around.querySelector('[role=slider]')) around = around.parentElement;
+            return around ? mark(around.querySelector('[role=slider]')) : false;"""
+        )
+        self.page.focus(MARKED)
+        self.page.key("ArrowRight", 39)
+
     def choose(self, label: str, value: str) -> None:
         """Choose a value of a list."""
         self.field(label)

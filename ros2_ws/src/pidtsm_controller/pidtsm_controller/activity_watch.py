@@ -9,6 +9,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 
 from pidtsm_ros.managed_node import ManagedNode
+from pidtsm_ros.qos import RELIABLE_READER
 from pidtsm_ros.wire import deserialize
 
 _TOPIC = "/diagnostics"
@@ -37,7 +38,7 @@ class ActivityWatch:
         self._manager = self._state = ""
         self._received = 0.0  # s
         self._idle = 0
-        node.listen(DiagnosticArray, _TOPIC, self._receive, raw=True, while_inactive=True, reliable=True)
+        node.listen(DiagnosticArray, _TOPIC, self._receive, raw=True, while_inactive=True, profile=RELIABLE_READER)
 
     @property
     def trouble(self) -> str:

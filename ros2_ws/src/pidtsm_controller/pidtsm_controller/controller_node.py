@@ -11,12 +11,14 @@ from std_msgs.msg import Bool, Float64MultiArray
 from pidtsm_controller.activity_watch import ActivityWatch
 from pidtsm_controller.adaptation_watch import AdaptationWatch
 from pidtsm_controller.learnt_file import LearntFile
+from pidtsm_controller.payload_change import HeldObject, PayloadChange
 from pidtsm_controller.payload_watch import PayloadWatch
 from pidtsm_controller.stiffness_topics import StiffnessTopics
 from pidtsm_controller.watchdog import CHECK, Watchdog
 from pidtsm_controller.wrench_watch import WrenchWatch
 from pidtsm_core.control import Condition, Controller, Count
 from pidtsm_core.experiment.node_parameters import (
+    HELD_KNOWN,
     LEARNT_FILE,
     PAYLOAD_OBSERVED,
     WRENCH_PUBLISHED,
@@ -95,7 +97,7 @@ class ControllerNode(ManagedNode):
             self.get_logger().warning(warning)
         fields = ("position", "effort") if self._controller.config.feeds_back else ("position",)
         self._statistics = LoopStatistics(as_float(self.values["diagnostics.deadline"]))
-        self._incoming_state = IncomingMessages(JointState, fields, joints)
+        self._incoming_state = IncomingMessages(JointState, fields, joints, others=True)
         self._incoming_reference = IncomingMessages(JointReference, _REFERENCE_FIELDS, joints, optional=("effort",))
         self._decimation = int(as_float(self.values["state.decimation"]))
         self._answered_stamp = self._waiting_stamp = -1
@@ -105,7 +107,9 @@ class ControllerNode(ManagedNode):
         self._commands = self.advertise_alone(topic.message_type, topic.name)
         self._states = self.advertise(ControllerState, "~/state")
         self._brakes = self.advertise(Bool, "~/brakes", KEPT) if self.values["stop.brakes"] else None
-        self._payload = PayloadWatch(self, self._controller) if self.values[PAYLOAD_OBSERVED.name] else None
+        self._change, observed = PayloadChange(self, self._controller), self.values[PAYLOAD_OBSERVED.name]
+        self._payload = PayloadWatch(self, self._controller, self._change) if observed else None
+        self._held = HeldObject(self, self._change) if self.values[HELD_KNOWN.name] else None
         self._wrench = WrenchWatch(self, self._controller) if self.values[WRENCH_PUBLISHED.name] else None
         self._stiffness = StiffnessTopics(self, self._controller)
         self._adaptation = AdaptationWatch(self._controller)
@@ -143,6 +147,7 @@ class ControllerNode(ManagedNode):
         self._controller.reset()
         if self._learnt is not None:
             self._learnt.read()
+        self._change.reset()
         if self._payload is not None:
             self._payload.reset()
         if self._wrench is not None:
@@ -169,8 +174,7 @@ class ControllerNode(ManagedNode):
         if self._diagnostics is None:  # Not configured: `configure` will read them.
             return
         self._controller.set_parameters(self.values)
-        if self._payload is not None:
-            self._payload.parameters_changed()
+        self._change.parameters_changed()
         self._statistics.deadline = as_float(self.values["diagnostics.deadline"])
         self._decimation = int(as_float(self.values["state.decimation"]))
         for warning in self._controller.warnings():
@@ -267,6 +271,7 @@ class ControllerNode(ManagedNode):
             self._report(status)
         if self._brakes is not None:
             self._engage_brakes()
+        self._change.update(stamp)
         if self._payload is not None:
             self._payload.update(stamp)
         if self._wrench is not None:

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from pidtsm_controller.goal_content import GoalContent, read_goal, rejection
 from pidtsm_controller.goal_planning import GoalError, Plan, Splice, plan_goal
 from pidtsm_controller.planning_thread import planning_thread
-from pidtsm_controller.serialized_goals import serialized_request
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import as_float
 from pidtsm_core.parameters.joints import MessageError
@@ -24,6 +23,7 @@ from pidtsm_core.trajectories.feed_forward import FeedForward, fade
 from pidtsm_core.trajectories.limits import MotionLimits
 from pidtsm_core.trajectories.splice import MotionUnderWay
 from pidtsm_core.trajectories.tracking import Code, Tracking
+from pidtsm_ros.action_server import KEPT, LoopActionServer
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.serialization import serialize
 from pidtsm_ros.stamps import set_stamp
@@ -33,8 +33,6 @@ _PATIENCE = {False: 1.0, True: 5.0}
 _FIRST_LEAD = 20_000_000
 """Time for planning while the reference moves, ns; doubled until planning is fast enough."""
 _LONGEST_LEAD = 2_000_000_000
-_KEPT = 10
-"""Time for which the result of a goal is kept, s."""
 _MOST_KEPT = 200
 """Goals that are kept at once. Each change of a goal publishes the status of all, so more would hold up the loop."""
 _MOST_WAITING = 32
@@ -45,39 +43,6 @@ _PREEMPTED = "Current goal preempted by new incoming action"
 """Text of joint_trajectory_controller."""
 _SAME = 1e-9
 """States are the same up to rounding, rad, rad/s, rad/s^2."""
-
-
-class _Server(ActionServer):
-    """Takes goals as bytes, and the result of a goal when it is known.
-
-    For the result, rclpy would run a coroutine for each goal, and the events executor resumes pending ones without a
-    pause.
-    """
-
-    _request = serialized_request(FollowJointTrajectory)
-    _is_goal_request_ready: bool
-
-    def take_data(self) -> dict[str, Any]:
-        """See `ActionServer.take_data`; the goal of the request is serialized."""
-        if self._request is None or not self._is_goal_request_ready:
-            return dict(super().take_data())
-        with self._lock:
-            taken = self._handle.take_goal_request(self._request)
-        self._is_goal_request_ready = False
-        data = dict(super().take_data())
-        return {"goal": taken, **data} if all(taken) else data
-
-    @property
-    def kept(self) -> int:
-        """Number of goals that the server knows, with those that have ended within `_KEPT`."""
-        return len(self._goal_handles)
-
-    def notify_execute(self, goal_handle: ServerGoalHandle, execute_callback: Any) -> None:
-        """The loop of the node executes goals."""
-
-    def finish(self, goal_handle: ServerGoalHandle, result: FollowJointTrajectory.Result) -> None:
-        """Send the result of a goal whose status is final."""
-        super().notify_execute(goal_handle, lambda _: result)
 
 
 @dataclass(eq=False)
@@ -115,16 +80,8 @@ class GoalServer:
         """Args: node: the trajectory node, while it is configured; limits: of the arm."""
         self._node, self._limits = node, limits
         self._log = node.get_logger()
-        self._server = _Server(
-            node,
-            FollowJointTrajectory,
-            "~/follow_joint_trajectory",
-            execute_callback=lambda _: None,
-            goal_callback=self._admit,
-            handle_accepted_callback=self._accept,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            result_timeout=_KEPT,
-        )
+        name = "~/follow_joint_trajectory"
+        self._server = LoopActionServer(node, FollowJointTrajectory, name, self._admit, self._accept)
         self._planner = planning_thread("planner")
         self._queue: deque[_Goal] = deque()
         self._planning: tuple[_Goal, Splice, Future[Plan]] | None = None
@@ -234,7 +191,7 @@ class GoalServer:
             if not self._flooded:
                 self._flooded = True
                 self._log.error(
-                    f"goals are rejected: {_MOST_KEPT} have come within {_KEPT} s, and more would delay the reference; "
+                    f"goals are rejected: {_MOST_KEPT} have come within {KEPT} s, and more would delay the reference; "
                     "send them more slowly"
                 )
             return GoalResponse.REJECT

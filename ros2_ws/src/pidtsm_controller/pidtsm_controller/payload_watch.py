@@ -2,10 +2,10 @@
 
 import numpy as np
 from geometry_msgs.msg import InertiaStamped, Vector3
-from rclpy.parameter import Parameter as RosParameter
 
+from pidtsm_controller.payload_change import PayloadChange
 from pidtsm_core.control import Controller, Time
-from pidtsm_core.control.payload_blend import PayloadBlend
+from pidtsm_core.experiment.node_parameters import FRAME_PREFIX
 from pidtsm_core.identification.payload_observer import PayloadObserver
 from pidtsm_core.parameters import as_float
 from pidtsm_core.robots import TreeRobot, find_robot
@@ -24,13 +24,19 @@ _CERTAIN, _LIGHT = 0.2, 0.1
 class PayloadWatch:
     """Publishes the estimate on ``~/payload``, and serves ``~/take_payload``."""
 
-    def __init__(self, node: ManagedNode, controller: Controller) -> None:
-        """Args: node: the controller node, while it is configured; controller: its controller."""
-        self._node, self._controller = node, controller
+    def __init__(self, node: ManagedNode, controller: Controller, change: PayloadChange) -> None:
+        """Begin.
+
+        Args:
+            node: the controller node, while it is configured.
+            controller: its controller.
+            change: what changes the payload that it knows.
+        """
+        self._node, self._controller, self._change = node, controller, change
         robot = find_robot(node.values)
         assert isinstance(robot, TreeRobot)  # The schema has checked it.
         self._robot = robot
-        self._frame = robot.description.links.names[robot.description.tool_link]
+        self._frame = f"{node.values[FRAME_PREFIX.name]}{robot.description.links.names[robot.description.tool_link]}"
         self._publisher = node.advertise(InertiaStamped, "~/payload")
         node.offer("~/take_payload", self._take)
         self.reset()
@@ -38,16 +44,12 @@ class PayloadWatch:
     def reset(self) -> None:
         """Forget everything, as the controller does when it becomes active."""
         self._observer: PayloadObserver | None = None  # It needs the period of the joint states.
-        self._blend: PayloadBlend | None = None
         self._sent = np.zeros(self._controller.joints)
-        self._last = self._next = 0  # ns
+        self._next = 0  # ns
 
     def update(self, stamp: int) -> None:
         """Take the sample that was answered; `stamp` is that of its joint state, ns."""
         controller = self._controller
-        if self._blend is not None:
-            self._advance(self._blend, seconds(stamp - self._last))
-        self._last = stamp
         if self._observer is None:
             if (period := controller.state.times[Time.PERIOD]) <= 0:
                 return
@@ -60,11 +62,6 @@ class PayloadWatch:
         if stamp >= self._next:
             self._next = stamp + _PERIOD
             self._publish(self._observer, stamp)
-
-    def parameters_changed(self) -> None:
-        """Go on with a payload that is being taken over, after parameters were set anew."""
-        if self._blend is not None:
-            self._blend.advance(0.0)
 
     def _publish(self, observer: PayloadObserver, stamp: int) -> None:
         message, found = InertiaStamped(), observer.payload
@@ -80,7 +77,7 @@ class PayloadWatch:
         largest = as_float(self._node.values["payload.largest"])
         if not self._node.active:
             return "the controller is inactive"
-        if self._blend is not None:
+        if self._change.under_way:
             return "a payload is being taken over"
         if self._observer is None or self._observer.seen < _SEEN:
             return f"the arm has not moved for {_SEEN:g} s yet"
@@ -89,19 +86,5 @@ class PayloadWatch:
             return f"the motion does not show the payload: {found.mass:.3g} kg, give or take {deviation:.2g} kg"
         if found.mass > largest:
             return f"{found.mass:.3g} kg exceeds payload.largest, {largest:g} kg"
-        self._blend = PayloadBlend(self._controller, self._node.values, found)
+        self._change.begin(found)
         return ""
-
-    def _advance(self, blend: PayloadBlend, dt: float) -> None:
-        """Let dt (s) pass; at the end, the parameters are those of the model."""
-        blend.advance(dt)
-        if not blend.done:
-            return
-        self._blend = None
-        taken = {
-            "payload.mass": float(blend.payload.mass),
-            "payload.center_of_mass": blend.payload.center_of_mass.tolist(),
-            "payload.inertia": [0.0] * 6,
-        }
-        self._node.set_parameters_atomically([RosParameter(name, value=value) for name, value in taken.items()])
-        self._node.get_logger().info(f"took over a payload of {blend.payload.mass:.3g} kg")

@@ -12,9 +12,11 @@ from pidtsm_controller.planning_thread import planning_thread
 from pidtsm_controller.streams import Streams
 from pidtsm_controller.transforms import Transforms
 from pidtsm_core.arrays import Array
+from pidtsm_core.experiment.node_parameters import FRAME_PREFIX
 from pidtsm_core.parameters import ParameterError, Value, as_float
 from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.poses.following import PoseTarget, ToolFollower, TwistTarget, explain
+from pidtsm_core.poses.frames import Frames
 from pidtsm_core.poses.kinematics import Distance, ToolKinematics
 from pidtsm_core.poses.parameters import ANGULAR_VELOCITY, TOOL_FRAME, TWIST_TIMEOUT, VELOCITY
 from pidtsm_core.poses.pose import read_pose, read_vector
@@ -209,4 +211,4 @@ def _follower(limits: MotionLimits, values: Mapping[str, Value]) -> tuple[ToolFo
         return None, str(error)
     q = np.zeros(len(limits.joints))
     kinematics.toward(q, kinematics.pose(q), _FIRST)  # What is slow once.
-    return ToolFollower(kinematics, robot.base), ""
+    return ToolFollower(kinematics, robot.base, Frames(str(values[FRAME_PREFIX.name]))), ""

@@ -33,6 +33,7 @@ from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.diagnostics import Diagnostics, Reading
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes, spin_for
+from pidtsm_ros.qos import RELIABLE_READER
 from pidtsm_ros.stamps import nanoseconds
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage, deserialize
@@ -69,7 +70,7 @@ class TrajectoryNode(ManagedNode):
 
     def configure(self) -> None:
         joints = list(names(self.values["joints"]))
-        self._measured = IncomingMessages(JointState, ("position",), joints)
+        self._measured = IncomingMessages(JointState, ("position",), joints, others=True)
         self._position = np.zeros((1, len(joints)))
         self._built_in = ReferenceMotion(self.values)
         self._limits = motion_limits(self.values)
@@ -97,7 +98,7 @@ class TrajectoryNode(ManagedNode):
         self._jogs = JointJogs(self, self._limits, self._streams, self.values)
         self._listening = False
         self._large = LargeTrajectories(self, self._limits, self.lockstep)
-        self.listen(JointTrajectory, "joint_trajectory", self._receive_trajectory, raw=True, reliable=True)
+        self.listen(JointTrajectory, "joint_trajectory", self._receive_trajectory, raw=True, profile=RELIABLE_READER)
 
     def activate(self) -> None:
         self._arrivals = Arrivals()

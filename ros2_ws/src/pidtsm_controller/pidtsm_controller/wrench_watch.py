@@ -5,6 +5,7 @@ from geometry_msgs.msg import WrenchStamped
 
 from pidtsm_core.control import Controller
 from pidtsm_core.control.state import External
+from pidtsm_core.experiment.node_parameters import FRAME_PREFIX
 from pidtsm_core.poses.wrench import ToolWrench
 from pidtsm_core.robots import TreeRobot, find_robot
 from pidtsm_core.timing import NANOSECONDS
@@ -24,7 +25,8 @@ class WrenchWatch:
         robot = find_robot(node.values)
         self._wrench = ToolWrench(robot, node.values)
         links = robot.description.links.names if isinstance(robot, TreeRobot) else ("tool",)
-        self._frame = links[robot.description.tool_link if isinstance(robot, TreeRobot) else 0]
+        frame = links[robot.description.tool_link if isinstance(robot, TreeRobot) else 0]
+        self._frame = f"{node.values[FRAME_PREFIX.name]}{frame}"
         self._publisher = node.advertise(WrenchStamped, "~/external_wrench")
         node.offer("~/zero_external_wrench", self._zero)
         self.reset()

@@ -13,9 +13,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint, MultiDOFJointTrajectoryPoint
 
 from pidtsm_controller.goal_content import GoalContent, read_goal
-from pidtsm_controller.serialized_goals import serialized_request
 from pidtsm_controller.trajectory_points import MOST, efforts_of, read_points, states_of
 from pidtsm_core.parameters.joints import MessageError
+from pidtsm_ros.serialized_goals import serialized_request
 
 Request = FollowJointTrajectory.Impl.SendGoalService.Request
 FIELDS = ("positions", "velocities", "accelerations", "effort")

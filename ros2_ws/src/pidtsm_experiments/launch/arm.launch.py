@@ -3,6 +3,7 @@
 The arguments correspond to the options of ``./pidtsm run``. ``ros2 launch`` ends when the simulator has finished.
 """
 
+import math
 import shlex
 import sys
 from argparse import ArgumentTypeError
@@ -19,7 +20,7 @@ from rclpy.exceptions import InvalidNamespaceException
 from rclpy.validate_namespace import validate_namespace
 
 from pidtsm_core.errors import UsageError
-from pidtsm_core.experiment import DEFAULT_SCENARIO, make_experiment, scenario_names
+from pidtsm_core.experiment import DEFAULT_SCENARIO, Experiment, make_experiment, scenario_names
 from pidtsm_core.laws import LAWS
 from pidtsm_core.robots import NAMES, description_schema, find_description
 from pidtsm_core.simulation.mujoco_model import ENGINE
@@ -29,6 +30,8 @@ from pidtsm_experiments.runs.runner import EXECUTABLES, bag_metadata, node_param
 _VIEWED = ("/tf", "/robot_description", "/visualization/markers")
 """Topics of the RViz configuration, remapped into the namespace."""
 
+_OF_POSE = 6
+"""Numbers of a place: x, y, z, roll, pitch, yaw."""
 _OUTPUT = {"stdout": "log", "stderr": "screen"}  # Nodes log to stderr; stdout has the recorder's progress.
 
 _ARGUMENTS = (
@@ -57,14 +60,26 @@ _ARGUMENTS = (
     ),
     DeclareLaunchArgument("namespace", default_value="", description="namespace of all nodes and topics"),
     DeclareLaunchArgument("record", default_value="", description="new folder for the bag; empty: no recorder"),
-    DeclareLaunchArgument("viewer", default_value="none", description="viewer: none or rviz"),
+    DeclareLaunchArgument(
+        "viewer",
+        default_value="none",
+        description="viewer: none or rviz; tf: only the frames and markers, for a viewer of yours",
+    ),
+    DeclareLaunchArgument(
+        "base", default_value="", description="place of the base in the frame world: x y z roll pitch yaw, m and rad"
+    ),
+    DeclareLaunchArgument(
+        "frame_prefix",
+        default_value="",
+        description="prefix of the arm's frames, which are then on /tf: left/",
+    ),
     DeclareLaunchArgument(
         "autostart",
         default_value="true",
         description="true; or false: the nodes stay unconfigured and wait for a lifecycle manager",
     ),
 )
-_CHOICES = {"clock": ("realtime", "lockstep"), "viewer": ("none", "rviz"), "autostart": ("true", "false")}
+_CHOICES = {"clock": ("realtime", "lockstep"), "viewer": ("none", "rviz", "tf"), "autostart": ("true", "false")}
 """Allowed values. They are not passed to `DeclareLaunchArgument`, which would report an error twice."""
 _OF_LAUNCH = ("launch-prefix", "launch-prefix-filter", "emulate_tty", "sigterm_timeout", "sigkill_timeout")
 """Arguments of launch itself, for every process."""
@@ -111,6 +126,18 @@ def _words(name: str, text: str) -> list[str]:
         raise UsageError(f"{name}: {text}: {error}") from None
 
 
+def _numbers(name: str, text: str) -> list[float]:
+    """The six numbers of an argument; none if it is empty."""
+    words = text.split()
+    try:
+        found = [float(word) for word in words]
+    except ValueError:
+        found = [math.nan]
+    if words and (len(words) != _OF_POSE or not all(math.isfinite(number) for number in found)):
+        raise UsageError(f"{name}: {text!r} must be six numbers: x y z roll pitch yaw")
+    return found
+
+
 class _End:
     """Ends all nodes when one has ended: first simulator, controller and trajectory, then the rest.
 
@@ -133,12 +160,13 @@ class _End:
         return [Shutdown(reason=f"{event.process_name} has ended")]
 
 
-def _actions(context: LaunchContext) -> list[Node]:
-    given = context.launch_configurations
-    _check(given)
-    clock, namespace = given["clock"], given["namespace"]
-    overrides = [f"{node}.autostart={given['autostart']}" for node in ("simulator", "controller", "trajectory")]
-    experiment = make_experiment(
+def _experiment(given: Mapping[str, str]) -> Experiment:
+    """What is to run."""
+    nodes = ("simulator", "controller", "trajectory")
+    overrides = [f"{node}.autostart={given['autostart']}" for node in nodes]
+    if given["frame_prefix"]:
+        overrides += [f"{node}.frame_prefix={given['frame_prefix']}" for node in nodes]
+    return make_experiment(
         given["scenario"] or None,
         given["law"] or None,
         _duration(given["duration"]),
@@ -146,7 +174,16 @@ def _actions(context: LaunchContext) -> list[Node]:
         [*overrides, *engine_overrides(given["engine"]), *_words("set", given["set"])],
         given["robot"] or None,
     )
-    viewed, recorded = given["viewer"] == "rviz", given["record"]
+
+
+def _actions(context: LaunchContext) -> list[Node]:
+    given = context.launch_configurations
+    _check(given)
+    clock, namespace = given["clock"], given["namespace"]
+    prefix, base = given["frame_prefix"], _numbers("base", given["base"])
+    experiment = _experiment(given)
+    viewed, recorded = given["viewer"] != "none", given["record"]
+    shared = [(topic, f"/{topic}") for topic in ("tf", "tf_static")] if prefix or base else []
     others = viewed + bool(recorded)
     listening = {"simulator": 2 + others, "controller": 1 + others, "trajectory": 1 + others}
 
@@ -158,6 +195,7 @@ def _actions(context: LaunchContext) -> list[Node]:
             name=name,
             namespace=namespace,
             parameters=[parameters],
+            remappings=shared,
             output=_OUTPUT,
             **options,
         )
@@ -167,6 +205,7 @@ def _actions(context: LaunchContext) -> list[Node]:
     if viewed:
         controlled = parameters["controller"]
         chosen = {parameter.name: controlled[parameter.name] for parameter in description_schema(controlled)}
+    if given["viewer"] == "rviz":
         configuration = Path(get_package_share_directory("pidtsm_experiments"), "rviz", "arm.rviz")
         # First, so that nothing keeps running if RViz is not installed.
         actions.append(
@@ -179,6 +218,11 @@ def _actions(context: LaunchContext) -> list[Node]:
                 remappings=[(topic, topic.lstrip("/")) for topic in _VIEWED],
             )
         )
+    if viewed:
+        if prefix:
+            chosen["frame_prefix"] = prefix
+        if base:
+            chosen.update({"base.parent": "world", "base.pose": base})
         actions.append(node("visualization", chosen))
     end = _End()
     loop = [node(name, values, LifecycleNode, on_exit=end) for name, values in parameters.items()]

@@ -27,8 +27,8 @@ def foxglove() -> dict[str, Any]:
     return json.loads((SHARE / "foxglove" / "arm.json").read_text(encoding="utf-8"))
 
 
-def rviz() -> dict[str, Any]:
-    return yaml.safe_load((SHARE / "rviz" / "arm.rviz").read_text(encoding="utf-8"))["Visualization Manager"]
+def rviz(name: str = "arm") -> dict[str, Any]:
+    return yaml.safe_load((SHARE / "rviz" / f"{name}.rviz").read_text(encoding="utf-8"))["Visualization Manager"]
 
 
 def plots() -> Iterator[list[tuple[str, str]]]:
@@ -81,6 +81,23 @@ def test_3d_views_show_existing_topics() -> None:
     assert {d.get("TF Prefix") for d in rviz()["Displays"]} >= {"", GHOST}
     layers = foxglove()["configById"]["3D!arm"]["layers"].values()
     assert {layer["framePrefix"] for layer in layers} == {"", f"{GHOST}/"}
+
+
+def test_one_rviz_shows_both_arms_with_the_prefixes_of_the_launch_file() -> None:
+    """RViz adds the slash to a prefix itself."""
+
+    def displays(name: str) -> list[tuple[str, str]]:
+        found = [d for d in rviz(name)["Displays"] if "Grid" not in d["Class"]]
+        return [((d.get("Topic") or d["Description Topic"])["Value"], d.get("TF Prefix", "-")) for d in found]
+
+    expected = [
+        (f"/{side}{topic}", prefix if prefix == "-" else "/".join(filter(None, (side, prefix))))
+        for side in ("left", "right")
+        for topic, prefix in displays("arm")
+    ]
+    assert displays("two_arms") == expected
+    text = (SHARE / "launch" / "two_arms.launch.py").read_text(encoding="utf-8")
+    assert '_SIDES = {"left": ' in text
 
 
 def test_foxglove_lays_out_every_panel() -> None:

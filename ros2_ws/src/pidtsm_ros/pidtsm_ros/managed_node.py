@@ -8,6 +8,7 @@ from typing import Any
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.action import ActionServer
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter as RosParameter
@@ -73,6 +74,7 @@ class ManagedNode(LifecycleNode):
         self._own_publishers: list[Publisher] = []
         self._own_subscriptions: list[Subscription] = []
         self._own_services: list[Service] = []
+        self._own_actions: list[ActionServer] = []
         self._sole: SoleTopic | None = None
         self._sources: list[SourceWatch] = []
         self.values = declare(self, schema, joints, stop)
@@ -193,10 +195,13 @@ class ManagedNode(LifecycleNode):
             self.destroy_subscription(subscription)
         for service in self._own_services:
             self.destroy_service(service)
+        for action in self._own_actions:
+            action.destroy()
         self._own_publishers.clear()
         self._awaited = True
         self._own_subscriptions.clear()
         self._own_services.clear()
+        self._own_actions.clear()
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -260,7 +265,7 @@ class ManagedNode(LifecycleNode):
         callback: Callable[[Any], None],
         raw: bool = False,
         while_inactive: bool = False,
-        reliable: bool = False,
+        profile: QoSProfile | None = None,
         depth: int | None = None,
         one_publisher: bool = False,
     ) -> Subscription:
@@ -275,7 +280,8 @@ class ManagedNode(LifecycleNode):
             callback: called with each message.
             raw: pass the serialized message to the callback.
             while_inactive: also call it for messages that arrive while the node is inactive.
-            reliable: lose no message in realtime either; for topics with less than one message per sample.
+            profile: replaces the default for streams. `RELIABLE_READER`: lose no message in realtime either, for topics
+                with less than one message per sample; `KEPT`: receive the last one from before, too.
             depth: maximum number of waiting messages; None: the same as for other topics.
             one_publisher: reject messages of a second, see `OnePublisher`.
         """
@@ -298,7 +304,7 @@ class ManagedNode(LifecycleNode):
         def alone() -> bool:
             return bool(subscription.get_publisher_count() < 2)
 
-        qos = copy(RELIABLE_READER if reliable or self.lockstep else READER)
+        qos = copy(profile or (RELIABLE_READER if self.lockstep else READER))
         qos.depth = depth or qos.depth
         subscription = self.create_subscription(
             message_type,
@@ -335,6 +341,10 @@ class ManagedNode(LifecycleNode):
             return response
 
         self._own_services.append(self.create_service(SetBool, service, respond))
+
+    def own(self, action: ActionServer) -> None:
+        """Destroy an action when the node is cleaned up."""
+        self._own_actions.append(action)
 
     def reject(self, reason: str) -> None:
         """Count a rejected message; each reason is logged once."""

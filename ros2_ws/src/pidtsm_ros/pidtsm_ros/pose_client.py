@@ -26,6 +26,26 @@ _DEPTH, _PATIENCE = 10, 10.0
 """Queue length, and the longest time to find the trajectory node, s."""
 
 
+def pose_message(
+    position: Sequence[float] | Array, orientation: Sequence[float] | Array, stamp: int, frame: str = ""
+) -> PoseStamped:
+    """A target of a stream of poses, see docs/poses.md.
+
+    Args:
+        position: x, y, z, shape (3,), m.
+        orientation: unit quaternion x, y, z, w, shape (4,).
+        stamp: ns.
+        frame: a link of the arm, or a frame on ``tf``; empty: the base frame.
+    """
+    message = PoseStamped()
+    message.header.frame_id = frame
+    set_stamp(message.header.stamp, stamp)
+    for target, values in ((message.pose.position, position), (message.pose.orientation, orientation)):
+        for name, value in zip("xyzw", values, strict=False):
+            setattr(target, name, float(value))
+    return message
+
+
 class PoseMotions:
     """What `pidtsm_ros.client.Arm` does with its tool.
 
@@ -147,13 +167,7 @@ class PoseMotions:
             read_pose(position, orientation)
         except TrajectoryError as error:
             raise TargetError(str(error)) from None
-        message = PoseStamped()
-        message.header.frame_id = frame
-        set_stamp(message.header.stamp, time.time_ns())
-        for target, values in ((message.pose.position, position), (message.pose.orientation, orientation)):
-            for name, value in zip("xyzw", values, strict=False):
-                setattr(target, name, float(value))
-        self._poses.publish(message)
+        self._poses.publish(pose_message(position, orientation, time.time_ns(), frame))
 
     @cached_property
     def _poses(self) -> Any:

@@ -170,7 +170,12 @@ class IncomingMessages:
     """
 
     def __init__(
-        self, message_type: type, fields: Sequence[str], joints: Sequence[str], optional: Sequence[str] = ()
+        self,
+        message_type: type,
+        fields: Sequence[str],
+        joints: Sequence[str],
+        optional: Sequence[str] = (),
+        others: bool = False,
     ) -> None:
         """Compile the reader and store the expected layout.
 
@@ -179,10 +184,11 @@ class IncomingMessages:
             fields: float64[] fields to read.
             joints: joint names of the node, in its order.
             optional: those of the fields that may be empty, which means zeros.
+            others: whether messages may have more joints, which are ignored.
         """
         self._type = message_type
         self._fields, self._optional = list(fields), optional
-        self._order = JointOrder(joints)
+        self._order = JointOrder(joints, others)
         self._values = np.zeros((len(fields), len(joints)))
         self._length = -1  # of the layout seen last; see `_learn`
         numbers = {name: [0.0] * len(joints) for name in fields}

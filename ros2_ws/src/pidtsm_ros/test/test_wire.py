@@ -153,6 +153,20 @@ def test_an_optional_field_may_be_empty(efforts: list[list[float]]) -> None:
             assert target.tobytes() == before.tobytes()
 
 
+def test_joints_of_others_are_ignored_where_they_may_be() -> None:
+    incoming, target = IncomingMessages(JointState, ["position"], OWN, others=True), np.zeros((1, 2))
+    for scale in (1.0, 2.0, 3.0):
+        incoming.read(serialized(["finger", *OWN[::-1], "thumb"], [math.nan, scale, 2.0 * scale, 1e9], []), target)
+        assert target.tolist() == [[2.0 * scale, scale]]
+    incoming.read(serialized(OWN, [5.0, 6.0], []), target)
+    assert target.tolist() == [[5.0, 6.0]]
+    for names, reason in ((["finger", OWN[0]], "missing"), (["finger", *OWN, OWN[0]], "named twice")):
+        with pytest.raises(MessageError, match=reason):
+            incoming.read(serialized(names, [1.0] * len(names), []), target)
+    with pytest.raises(MessageError, match="position has 2 values for 3 joints"):
+        incoming.read(serialized(["finger", *OWN], [1.0, 2.0], []), target)
+
+
 def test_other_byte_orders_are_read_too() -> None:
     big = struct.pack(">4B iI I1s3x I I2s2x I d II", 0, 0, 0, 0, 0, 123, 1, b"\0", 1, 2, b"j\0", 1, 0.5, 0, 0)
     incoming, target = IncomingMessages(JointState, ["position"], ["j"]), np.zeros((1, 1))

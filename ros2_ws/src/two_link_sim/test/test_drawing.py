@@ -30,18 +30,20 @@ def efforts(name: str, q: list[float], values: list[float]) -> list[Marker]:
     return effort_markers(arm, joint_placements(arm, np.array(q)), np.array(values), HEADER, 10.0)
 
 
+@pytest.mark.parametrize("prefix", ["", "left/"])
 @pytest.mark.parametrize("name", NAMES)
-def test_frames_lead_to_every_link(name: str) -> None:
+def test_frames_lead_to_every_link(name: str, prefix: str) -> None:
     """Of the arm and of the ghost, each link behind its parent."""
     arm = ARMS[name]
     q = np.random.default_rng(1).uniform(-2.0, 2.0, (2, len(arm.joints)))
-    base = arm.links.names[0]
+    base = prefix + arm.links.names[0]
     found = {base: np.eye(4)}
     expected: dict[str, NDArray[np.float64]] = {}
-    for prefix, positions in (("", q[0]), ("reference/", q[1])):
+    for ghost, positions in ((False, q[0]), (True, q[1])):
         placements = link_placements(arm, positions)
-        expected |= {f"{prefix}{link}": place for link, place in zip(arm.links.names, placements, strict=True)}
-        for frame in transforms(arm.links, placements, HEADER, prefix):
+        own = f"{prefix}reference/" if ghost else prefix
+        expected |= {f"{own}{link}": place for link, place in zip(arm.links.names, placements, strict=True)}
+        for frame in transforms(arm.links, placements, HEADER, prefix, ghost):
             assert frame.header.stamp == HEADER.stamp
             assert frame.child_frame_id not in found
             place, turn, step = frame.transform.translation, frame.transform.rotation, np.eye(4)

@@ -29,24 +29,29 @@ _ARC_WIDTH = 0.01
 _ARROW_WIDTHS = 0.02, 0.04  # shaft, head
 
 
-def transforms(links: Links, placements: Array, header: Header, prefix: str) -> list[TransformStamped]:
+def transforms(
+    links: Links, placements: Array, header: Header, prefix: str, ghost: bool = False
+) -> list[TransformStamped]:
     """Transform of every link relative to its parent.
 
     Args:
         links: the links.
         placements: as returned by `link_placements`, shape (links, 3, 4).
         header: provides the stamp.
-        prefix: prefix of every frame name; the base of an arm with a prefix coincides with that of the arm without.
+        prefix: prefix of every frame name.
+        ghost: whether this is the arm that shows the reference: its names have another prefix, `GHOST`, and its base
+            coincides with that of the arm.
     """
     relative = relative_placements(links, placements)
     places = relative[:, :, 3].tolist()
     turns = Rotation.from_matrix(relative[:, :, :3]).as_quat().tolist()
     frames = []
     for name, parent, place, turn in zip(links.names, links.parents, places, turns, strict=True):
-        if parent < 0 and not prefix:
+        if parent < 0 and not ghost:
             continue
-        above = links.names[0] if parent < 0 else prefix + links.names[parent]
-        frame = TransformStamped(header=Header(stamp=header.stamp, frame_id=above), child_frame_id=prefix + name)
+        own = f"{prefix}{GHOST}/" if ghost else prefix
+        above = prefix + links.names[0] if parent < 0 else own + links.names[parent]
+        frame = TransformStamped(header=Header(stamp=header.stamp, frame_id=above), child_frame_id=own + name)
         to, by = frame.transform.translation, frame.transform.rotation
         to.x, to.y, to.z = place
         by.x, by.y, by.z, by.w = turn

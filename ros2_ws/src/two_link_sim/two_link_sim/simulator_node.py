@@ -8,7 +8,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pidtsm_core.experiment.node_parameters import simulator_node_schema
+from pidtsm_core.experiment.node_parameters import FRAME_PREFIX, simulator_node_schema
 from pidtsm_core.parameters import as_float, names
 from pidtsm_core.parameters.joints import JointOrder
 from pidtsm_core.robots import find_robot, robot_joints
@@ -20,10 +20,12 @@ from pidtsm_ros.effort_topics import EFFORT_TOPICS
 from pidtsm_ros.loop_statistics import LoopStatistics
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.process import run_nodes
+from pidtsm_ros.qos import RELIABLE_READER
 from pidtsm_ros.stop import Stop
 from pidtsm_ros.wire import IncomingMessages, OutgoingMessage
 from two_link_sim import pushes
 from two_link_sim.brake_log import BrakeLog
+from two_link_sim.gripper import SimulatedGripper
 from two_link_sim.joint_states import Drives
 from two_link_sim.progress import Commands, Progress, Waiting
 from two_link_sim.pushes import Pushes
@@ -70,7 +72,8 @@ class SimulatorNode(ManagedNode):
         self._touches = Touches(self, robot.touchable)
 
         joints = len(self._joints_of_arm)
-        self._drives = Drives(values, self._joints_of_arm)
+        self._gripper = SimulatedGripper(self)
+        self._drives = Drives(values, self._joints_of_arm, self._gripper.gripper)
         self._truth = OutgoingMessage(
             JointState(name=self._joints_of_arm), ("position", "velocity", "effort"), joints=joints
         )
@@ -92,8 +95,8 @@ class SimulatorNode(ManagedNode):
             self._input.message_type, self._input.name, on_command, raw=self._stamped, one_publisher=True
         )
         self._diagnostics = Diagnostics(self)
-        self._pushes = Pushes(find_robot(values).base, self._period)
-        self.listen(WrenchStamped, pushes.TOPIC, self._pushes.take, reliable=True)
+        self._pushes = Pushes(f"{values[FRAME_PREFIX.name]}{find_robot(values).base}", self._period)
+        self.listen(WrenchStamped, pushes.TOPIC, self._pushes.take, profile=RELIABLE_READER)
         self.offer("~/reset", self._reset)
 
     @property
@@ -104,6 +107,7 @@ class SimulatorNode(ManagedNode):
         self._robot = SimulatedRobot(self.values, accelerations=False)
         self._effort = np.zeros(self._robot.joints)
         self._drives.reset()
+        self._gripper.parameters_changed()
         self._progress, self._commands = Progress(), Commands()
         self._brakes, self._waiting = BrakeLog(), Waiting()
         self._statistics.reset()
@@ -111,6 +115,7 @@ class SimulatorNode(ManagedNode):
     def parameters_changed(self) -> None:
         if self.active:
             self._robot.set_parameters(self.values)
+            self._gripper.parameters_changed()
             self._statistics.deadline = as_float(self.values["diagnostics.deadline"])
 
     def poll(self) -> float:
@@ -229,6 +234,8 @@ class SimulatorNode(ManagedNode):
         """Move the arm over one period."""
         commanded, self._commands.new = self._commands.new, False
         self._pushes.act(self._robot)
+        sample = self._progress.sample
+        self._gripper.advance(seconds(sample * self._period), seconds(self._period), self._stamp(sample))
         self._robot.act(self._progress.sample, commanded, self._effort)
         if self._robot.diverged:
             self._start_again()

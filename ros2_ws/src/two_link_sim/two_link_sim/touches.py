@@ -7,6 +7,7 @@ from geometry_msgs.msg import Vector3, Wrench, WrenchStamped
 from std_msgs.msg import Header
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.experiment.node_parameters import FRAME_PREFIX
 from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import set_stamp
 
@@ -23,6 +24,7 @@ class Touches:
         self._topics = {
             body: node.advertise(WrenchStamped, f"{FOLDER}/{_NOT_IN_NAMES.sub('_', body)}") for body in bodies
         }
+        self._prefix = str(node.values[FRAME_PREFIX.name])
         self._touching: Mapping[str, Array] = {}
 
     def __bool__(self) -> bool:
@@ -38,7 +40,9 @@ class Touches:
         for body in {**self._touching, **wrenches}:
             wrench = wrenches[body].tolist() if body in wrenches else [0.0] * 6
             force, torque = Vector3(**_xyz(wrench[:3])), Vector3(**_xyz(wrench[3:]))
-            message = WrenchStamped(header=Header(frame_id=body), wrench=Wrench(force=force, torque=torque))
+            message = WrenchStamped(
+                header=Header(frame_id=self._prefix + body), wrench=Wrench(force=force, torque=torque)
+            )
             set_stamp(message.header.stamp, stamp)
             self._topics[body].publish(message)
         self._touching = wrenches

@@ -15,7 +15,8 @@ from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.parameters import Parameter, ParameterError, Schema, chosen
 from pidtsm_core.poses.parameters import PARAMETERS as OF_POSES
 from pidtsm_core.references import reference_schema
-from pidtsm_core.robots import TreeRobot, find_robot
+from pidtsm_core.robots import TreeRobot, description_schema, find_robot
+from pidtsm_core.simulation import gripper
 from pidtsm_core.simulation.simulator import simulator_schema
 from pidtsm_core.trajectories import limits
 
@@ -34,6 +35,32 @@ _TRAJECTORY_PRIORITY = replace(PRIORITY, default=10)
 """Higher than other processes: the start of one could delay the node for longer than the controller waits for a
 reference. Lower than the loop and the threads that receive messages for the recorder: on an overloaded machine, they
 come first."""
+
+
+FRAME_PREFIX = Parameter(
+    "frame_prefix",
+    "",
+    "prefix of the arm's frames on tf and in messages, as that of robot_state_publisher: left/",
+    read_only=True,
+)
+_BASE_PARENT = Parameter(
+    "base.parent",
+    "",
+    "frame in which tf_static has the base of the arm, at base.pose; empty: the base is the root",
+    read_only=True,
+)
+_BASE_POSE = Parameter(
+    "base.pose",
+    (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "place of the base in base.parent: x, y, z (m), and roll, pitch, yaw (rad)",
+    length=6,
+    read_only=True,
+)
+
+
+def visualization_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
+    """Parameters of the node visualization; raises as `description_schema`."""
+    return (*description_schema(settings), FRAME_PREFIX, _BASE_PARENT, _BASE_POSE)
 
 
 def _thresholds(name: str, warn: float, error: float, description: str, unit: str = "") -> tuple[Parameter, ...]:
@@ -70,6 +97,7 @@ def _start(topic: str, default: int, listeners: str) -> Parameter:
 _LOOP = (
     AUTOSTART,
     PRIORITY,
+    FRAME_PREFIX,
     Parameter(
         "diagnostics.deadline",
         0.002,
@@ -112,6 +140,7 @@ EFFORT_REPORTED = Parameter(
 
 _SIMULATOR = (
     *_LOOP,
+    *gripper.PARAMETERS,
     VELOCITY_REPORTED,
     VELOCITY_CUTOFF,
     EFFORT_REPORTED,
@@ -141,6 +170,17 @@ PAYLOAD_OBSERVED = Parameter(
     "payload.observe",
     False,
     "estimate what the arm carries while it moves, and publish it on ~/payload; for arms that are read from a file",
+    read_only=True,
+)
+
+HELD_OBJECT = "gripper/object"
+"""Name of the topic on which a gripper publishes what it holds."""
+
+HELD_KNOWN = Parameter(
+    "payload.from_gripper",
+    False,
+    f"add what the gripper holds ({HELD_OBJECT}, geometry_msgs/InertiaStamped in the tool frame) to the payload, "
+    "within 1 s",
     read_only=True,
 )
 
@@ -183,6 +223,7 @@ _CONTROLLER = (
     Parameter("state.decimation", 1, "number of ticks per message on ~/state", minimum=1),
     LEARNT_FILE,
     PAYLOAD_OBSERVED,
+    HELD_KNOWN,
     WRENCH_PUBLISHED,
     Parameter(
         "payload.largest",
@@ -251,6 +292,7 @@ _ACTION = (
 _TRAJECTORY = (
     AUTOSTART,
     _TRAJECTORY_PRIORITY,
+    FRAME_PREFIX,
     Parameter(
         "clock",
         "realtime",
@@ -291,10 +333,12 @@ def check_node(node: str, settings: Mapping[str, object]) -> None:
 
     Raises:
         ParameterError: the estimator works only in a rollout, or the payload of a closed form is to be observed, or see
-            `limits.limits_schema`.
+            `limits.limits_schema` and `gripper.gripper_joints`.
     """
     if node == "trajectory":
         limits.limits_schema(settings)
+    if node == "simulator":
+        gripper.gripper_joints(settings)
     if node != "controller":
         return
     estimator = ESTIMATORS[chosen(settings, ESTIMATOR_NAME)]

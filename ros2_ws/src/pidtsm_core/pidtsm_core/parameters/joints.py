@@ -20,9 +20,15 @@ class MessageError(ValueError):
 class JointOrder:
     """Reads per-joint arrays of messages into the receiver's joint order."""
 
-    def __init__(self, joints: Sequence[str]) -> None:
-        """Args: joints: joint names of the receiver, in its order."""
+    def __init__(self, joints: Sequence[str], others: bool = False) -> None:
+        """Begin without a message.
+
+        Args:
+            joints: joint names of the receiver, in its order.
+            others: whether messages may have more joints, such as those of a gripper, which are ignored.
+        """
         self.joints = list(joints)
+        self._others = others
         self._last_names: list[str] | None = None
         self._order: NDArray[np.intp] = np.empty(0, dtype=np.intp)
 
@@ -43,9 +49,9 @@ class JointOrder:
             raise MessageError(f"a joint is named twice in [{', '.join(names)}]; expected: {expected}")
         unknown = [name for name in names if name not in self.joints]
         missing = [name for name in self.joints if name not in names]
-        if unknown and not missing:
+        if unknown and not missing and not self._others:
             raise MessageError(f"unknown joints {', '.join(unknown)}; expected: {expected}")
-        if unknown:
+        if unknown and missing:
             raise MessageError(f"unknown joints {', '.join(unknown)}, missing {', '.join(missing)}")
         if missing:
             raise MessageError(f"joints {', '.join(missing)} are missing; expected: {expected}")
@@ -58,9 +64,9 @@ class JointOrder:
             MessageError: the names do not match, an array has the wrong length, or a value is not finite or is absurd.
         """
         order = self.match(names)
-        if len(values) != len(self.joints):
-            raise MessageError(f"{field} has {len(values)} values for {len(self.joints)} joints")
-        for name, value in zip(names, values, strict=True):
+        if len(values) != len(names):
+            raise MessageError(f"{field} has {len(values)} values for {len(names)} joints")
+        for name, value in ((names[place], values[place]) for place in order):
             if not -ABSURD < value < ABSURD:
                 # Without the value: each cause is logged once, and values always differ.
                 reason = "is absurd" if math.isfinite(value) else "is not finite"

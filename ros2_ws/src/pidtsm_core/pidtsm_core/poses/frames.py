@@ -16,7 +16,9 @@ class Frames:
         names: of the frames.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, prefix: str = "") -> None:
+        """Args: prefix: that frames of the arm have outside, and not in the description."""
+        self._prefix = prefix
         self._parents: dict[str, tuple[str, Pose]] = {}
 
     @property
@@ -25,7 +27,7 @@ class Frames:
 
     def place(self, child: str, parent: str, pose: Pose) -> None:
         """Set the pose of a frame in its parent."""
-        self._parents[child.lstrip("/")] = parent.lstrip("/"), pose
+        self._parents[self._bare(child)] = self._bare(parent), pose
 
     def find(self, frame: str, base: str, link: Callable[[str], Pose | None]) -> Pose:
         """A frame in the base frame.
@@ -38,9 +40,9 @@ class Frames:
         Raises:
             TrajectoryError: nothing leads from the frame to the base frame.
         """
-        frame = frame.lstrip("/")
-        if not frame:
+        if not frame.lstrip("/"):
             return NOWHERE_ELSE
+        frame, given = self._bare(frame), frame.lstrip("/")
         from_root, pose = {}, NOWHERE_ELSE
         for name, placed in self._way(frame):
             pose = placed @ pose
@@ -52,7 +54,12 @@ class Frames:
             below = placed @ below
             if name in from_root:
                 return below.inverse @ from_root[name]
-        raise TrajectoryError(f"frame_id {frame}: the arm has no such link, and tf has no way from it to {base}")
+        raise TrajectoryError(f"frame_id {given}: the arm has no such link, and tf has no way from it to {base}")
+
+    def _bare(self, frame: str) -> str:
+        """The name in the description; that of a frame which is not of the arm begins with / if there is a prefix."""
+        name = frame.lstrip("/")
+        return name.removeprefix(self._prefix) if name.startswith(self._prefix) else f"/{name}"
 
     def _way(self, frame: str) -> list[tuple[str, Pose]]:
         """The frame and those that carry it, up to the root, each with the pose of the one before in it."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from pidtsm_core.robots.chains import Chain, find_chain, how_to_choose
 from pidtsm_core.robots.compiler import CONNECT, COUPLE, HINGE, SLIDE, WELD, motor_limits, parse
 from pidtsm_core.robots.errors import DescriptionError
 from pidtsm_core.robots.inertials import Inertial, compile_bodies, possible
+from pidtsm_core.robots.other_joints import OtherJoint, other_joint
 from pidtsm_core.robots.tree.layout import GRAVITY, Column, rotation, rows, set_inertia, size
 from pidtsm_core.robots.urdf import check_ranges
 
@@ -59,6 +60,7 @@ class Description:
         links: all links, also those that the tree does not keep.
         text: the text of the description.
         is_urdf: whether that is a URDF, and not an MJCF.
+        others: the joints of `locked`, by name.
     """
 
     joints: tuple[str, ...]
@@ -79,6 +81,7 @@ class Description:
     links: Links
     text: str
     is_urdf: bool
+    others: Mapping[str, OtherJoint] = field(default_factory=dict)
 
     @property
     def urdf(self) -> str:
@@ -212,6 +215,7 @@ class _Assembly:
         self._tree[:GRAVITY] = self._model.opt.gravity
         self._used: list[int] = []  # joint of the model in each row
         self._locked: dict[str, float] = {}
+        self._others: dict[str, OtherJoint] = {}
         self._bodies = [_Placement(-1, np.eye(3), np.zeros(3))]
         self._inertias = np.zeros((len(chosen), 3, 3))
         self._impossible: dict[int, str] = {}  # by row: a link whose inertia the compiler refuses
@@ -250,8 +254,8 @@ class _Assembly:
 
     def _lock(self, joint: int, here: _Placement) -> _Placement:
         m, name = self._model, self._compiled.names[joint]
-        low, high = m.jnt_range[joint] if m.jnt_limited[joint] else (-math.inf, math.inf)
-        value = self._given.get(name, min(max(0.0, low), high))
+        self._others[name] = other = other_joint(m, self._compiled.names, joint)
+        value = self._given.get(name, min(max(0.0, other.lower), other.upper))
         self._locked[name] = value
         return here.at(*joint_displacement(m, joint, value))
 
@@ -316,6 +320,7 @@ class _Assembly:
             links=self._links(),
             text=self._compiled.text,
             is_urdf=self._compiled.is_urdf,
+            others=self._others,
         )
 
     def _links(self) -> Links:

@@ -59,6 +59,28 @@ def payload_of(values: Mapping[str, Value]) -> Payload:
     return Payload(as_float(values[MASS]), center, _matrix(values.get(_INERTIA.name, _INERTIA.default)))
 
 
+def payload_settings(payload: Payload, has_shape: bool) -> dict[str, Value]:
+    """Values of `payload_parameters` that describe a payload; `has_shape` as there."""
+    mass: dict[str, Value] = {MASS: float(payload.mass)}
+    if not has_shape:
+        return mass
+    entries = [float(payload.inertia[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    return {**mass, CENTER.name: [float(each) for each in payload.center_of_mass], _INERTIA.name: entries}
+
+
+def together(one: Payload, other: Payload) -> Payload:
+    """Two payloads as one rigid body."""
+    mass = one.mass + other.mass
+    if mass == 0.0:
+        return Payload(0.0)
+    center = (one.mass * one.center_of_mass + other.mass * other.center_of_mass) / mass
+    inertia = np.zeros((3, 3))
+    for each in (one, other):
+        away = each.center_of_mass - center
+        inertia += each.inertia + each.mass * (away @ away * np.eye(3) - np.outer(away, away))
+    return Payload(mass, center, inertia)
+
+
 def check_payload(settings: Mapping[str, object]) -> None:
     """Check that a rigid body can have the payload's inertia; values of a wrong type are not judged here.
 
@@ -71,13 +93,19 @@ def check_payload(settings: Mapping[str, object]) -> None:
         return
     if not np.isfinite(inertia).all():
         return
-    principal = np.linalg.eigvalsh(inertia)
-    if principal[0] < -_ROUNDING * principal[2] or principal[2] > (1.0 + _ROUNDING) * (principal[0] + principal[1]):
+    if not possible_inertia(inertia):
+        principal = np.linalg.eigvalsh(inertia)
         raise ParameterError(
             f"{_INERTIA.name}: no body has the principal inertias {', '.join(f'{p:.3g}' for p in principal)} kg m^2: "
             "none may be negative, or larger than the sum of the others",
             _INERTIA.name,
         )
+
+
+def possible_inertia(inertia: Array) -> bool:
+    """Whether a body can have this inertia, shape (3, 3), kg m^2, symmetric and finite."""
+    least, middle, largest = np.linalg.eigvalsh(inertia).tolist()
+    return bool(least >= -_ROUNDING * largest and largest <= (1.0 + _ROUNDING) * (least + middle))
 
 
 def _matrix(values: object) -> Array:

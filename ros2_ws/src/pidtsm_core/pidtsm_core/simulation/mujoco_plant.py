@@ -239,7 +239,11 @@ def _places(addresses: NDArray[np.int32], joints: tuple[int, ...]) -> NDArray[np
 
 def _concerns(name: str) -> bool:
     """Whether a parameter with this name is part of the models."""
-    return name.startswith(("robot.", "payload.", "elasticity.")) or name in ("joints", SCENE.name)
+    when = ("payload.time", "payload.duration")
+    return (name.startswith(("robot.", "payload.", "elasticity.")) and name not in when) or name in (
+        "joints",
+        SCENE.name,
+    )
 
 
 _Warning = ctypes.CFUNCTYPE(None, ctypes.c_char_p)

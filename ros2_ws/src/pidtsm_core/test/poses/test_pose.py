@@ -66,3 +66,16 @@ def test_frames_are_found_above_beside_and_below_the_arm() -> None:
 def test_what_is_no_pose_is_refused(position: list[float], quaternion: list[float], reason: str) -> None:
     with pytest.raises(TrajectoryError, match=reason):
         read_pose(position, quaternion)
+
+
+def test_with_a_prefix_a_frame_of_the_same_name_is_another_one() -> None:
+    """Both arms have a base named world, and stand in a common frame world."""
+    frames, base = Frames("left/"), Pose(np.array([0.0, 0.4, 0.1]), np.eye(3))
+    frames.place("left/world", "world", base)
+    links = {"world": Pose(np.zeros(3), np.eye(3)), "hand": Pose(np.array([0.5, 0.0, 0.0]), np.eye(3))}
+    np.testing.assert_allclose(frames.find("left/hand", "world", links.get).position, [0.5, 0.0, 0.0])
+    for name in ("world", "/world"):
+        np.testing.assert_allclose(frames.find(name, "world", links.get).position, [0.0, -0.4, -0.1])
+    np.testing.assert_allclose(frames.find("", "world", links.get).position, 0.0)
+    with pytest.raises(TrajectoryError, match="frame_id right/hand: the arm has no such link"):
+        frames.find("right/hand", "world", links.get)

@@ -121,6 +121,19 @@ def test_brakes_stop_the_arm_as_on_the_other_engine(arm: Arm) -> None:
     np.testing.assert_allclose(positions[1], positions[0], atol=1e-9)
 
 
+def test_picking_up_and_dropping_compile_nothing() -> None:
+    """It would take longer than the controller waits for a joint state."""
+    values = values_of(PANDA, "mujoco", {"payload.mass": 1.0, "payload.time": 1e9})
+    plant = Plant(values)
+    assert plant.mujoco is not None
+    models = plant.mujoco.models
+    for changes in ({"payload.time": 0.0}, {"payload.duration": 0.5}):
+        plant.set_parameters({**values, **changes})
+        assert plant.mujoco.models is models
+    plant.set_parameters({**values, "payload.mass": 2.0})
+    assert plant.mujoco.models is not models
+
+
 def test_new_parameters_keep_the_state() -> None:
     effort = PANDA.effort(PANDA.start, ddq=1.0)
     ours, theirs = plants_of(PANDA, {})

@@ -6,10 +6,13 @@ import tempfile
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import rclpy
 
 from pidtsm_core.control import LAW_NAME
+from pidtsm_core.control.parameters import CONTACT
 from pidtsm_core.experiment import PRACTICAL
+from pidtsm_core.experiment.node_parameters import WRENCH_PUBLISHED
 from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of
 from pidtsm_experiments.live.nodes import OPERATION, Nodes, live_parameters
 from pidtsm_experiments.live.options import add_page_arguments
@@ -37,7 +40,11 @@ def execute(options: argparse.Namespace) -> int:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="pidtsm-live-")))
         domain = stack.enter_context(own_domain())
         words = ["-r", f"__ns:=/{_NAMESPACE}"]
-        nodes = Nodes(live_parameters(experiment), folder, lambda node: environment(node, domain, folder), words)
+        parameters = live_parameters(experiment)
+        # The page shows the wrench on the tool, where one can be estimated.
+        known = np.any(np.asarray(parameters["controller"].get(CONTACT[0].name, 0.0)))
+        parameters["controller"][WRENCH_PUBLISHED.name] = bool(known)
+        nodes = Nodes(parameters, folder, lambda node: environment(node, domain, folder), words)
         stack.enter_context(nodes).start_all()
         # Slow to import: the nodes start meanwhile.
         from pidtsm_experiments.live.executable import serve

@@ -20,6 +20,7 @@ SHOWN = {
         "law",
         "estimator",
         "compensation",
+        "compliance",
         "payload",
         "limits",
         "activation",
@@ -105,6 +106,15 @@ class NodeForms:
         """Those that the page can set, choices first."""
         able = [each for each in described if self._desk.nodes is not None or not each.descriptor.read_only]
         return sorted(able, key=lambda each: (not each.name.endswith(".name"), each.name in self._fixed))
+
+    async def submit(self, client: ClientHandle | None, changes: Mapping[str, Any]) -> None:
+        """`apply`, after a browser has confirmed a large change of a real arm.
+
+        Raises:
+            RefusedError: see `put`.
+        """
+        if not self._agree(client, changes, lambda: self.apply(changes)):
+            await self.apply(changes)
 
     def _agree(
         self, client: ClientHandle | None, values: Mapping[str, Any], go_on: Callable[[], Coroutine[Any, Any, None]]

@@ -23,9 +23,11 @@ from pidtsm_experiments.live.lives import Condition
 from pidtsm_experiments.live.motion import Moving
 from pidtsm_experiments.live.recording import Recording
 from pidtsm_experiments.live.scene import ArmScene
+from pidtsm_experiments.live.stiffness import Stiffness
 from pidtsm_experiments.live.stream import Batch
 from pidtsm_experiments.live.strip import Strip
 from pidtsm_experiments.live.switches import Switches
+from pidtsm_experiments.live.tool import Tool
 from pidtsm_experiments.live.undo import Undo
 from pidtsm_experiments.live.verdicts import Verdicts
 from pidtsm_experiments.live.watch import Status, Watching
@@ -60,7 +62,10 @@ class Page:
         self._strip = Strip(desk, recording, self._start_again)
         self._undo = Undo(desk, self._forms)
         self._lost: set[str] = set()
+        self._arm: Description | None = None
         self._scene: ArmScene | None = None
+        self._tool: Tool | None = None
+        self._stiffness: Stiffness | None = None
         self._watching: Watching | None = None
         self._recorded: Recorded | None = None
         self._switches: Switches | None = None
@@ -114,6 +119,8 @@ class Page:
             desk.button("Reset the fault", self._reset, reset, moves=True)
             self._switches = Switches(desk)
         self._forms["controller"] = NodeForms(desk, "controller", control)
+        with control:
+            self._stiffness = Stiffness(desk, self._forms["controller"])
         await _until_answered(self._forms["controller"].build)
         if desk.system.has("trajectory") or (desk.nodes is not None and "trajectory" in desk.nodes.parameters):
             await self._add_motion(tabs)
@@ -143,6 +150,8 @@ class Page:
         motion = tabs.add_tab("Motion")
         with motion:
             moving = Moving(self._desk, self._joints, np.zeros(len(self._joints)))
+            if self._arm is not None:
+                self._tool = Tool(self._desk, self._arm)
         if self._watching is not None:
             self._watching.moving = moving
         self._forms["trajectory"] = NodeForms(self._desk, "trajectory", motion)
@@ -154,7 +163,7 @@ class Page:
         self._name = robot.name
         self._units = joint_units(robot.slides, len(self._joints))
         try:
-            arm: Description = find_description(known)
+            arm = self._arm = find_description(known)
         except ParameterError as error:
             self._desk.system.note(str(error))
             return
@@ -228,6 +237,8 @@ class Page:
         self._undo.show()
         if self._switches is not None:
             self._switches.show(self._newest)
+        if self._stiffness is not None:
+            self._stiffness.show()
         if self._recorded is not None:
             self._recorded.show()
         if self._commissioning is not None:
@@ -260,6 +271,8 @@ class Page:
             return
         if self._scene is not None and self._position is not None:
             self._scene.show(self._position, reference, effort)
+            if self._tool is not None:
+                self._tool.show(self._position, reference)
 
 
 async def _until_answered(request: Callable[[], Awaitable[_Answer]]) -> _Answer:

@@ -59,6 +59,7 @@ class System:
     """The nodes of one namespace.
 
     Attributes:
+        node: on the graph, spun by `spin`.
         events: what the nodes warned of, and what the page did, the newest first: time of day and text.
         lives: what is known of each node.
         source: where the joint states come from.
@@ -69,11 +70,11 @@ class System:
     def __init__(self, namespace: str | None = None, name: str = "live") -> None:
         """Create two nodes named like `name`, after `rclpy.init`; no `namespace`: that of the command line."""
         # The listener is in no executor: its messages are taken in batches.
-        self._node = Node(name, namespace=namespace)
+        self.node = Node(name, namespace=namespace)
         self._listener = Node(f"{name}_listener", namespace=namespace)
         self._executor = EventsExecutor()
-        self._executor.add_node(self._node)
-        self.namespace = self._node.get_namespace()
+        self._executor.add_node(self.node)
+        self.namespace = self.node.get_namespace()
         self.events: deque[tuple[str, str]] = deque(maxlen=_EVENTS)
         self.lives, self.source = Lives(), Source(self.namespace)
         self.lives.of("controller")
@@ -87,19 +88,19 @@ class System:
         self._received = time.monotonic()
         self._joint_states: Subscription | None = None
         exact = ExactPublisher
-        self._pushes = self._node.create_publisher(WrenchStamped, "simulator/push", 10, publisher_class=exact)
-        self._trajectories = self._node.create_publisher(JointTrajectory, "joint_trajectory", 10, publisher_class=exact)
-        listen = self._node.create_subscription
+        self._pushes = self.node.create_publisher(WrenchStamped, "simulator/push", 10, publisher_class=exact)
+        self._trajectories = self.node.create_publisher(JointTrajectory, "joint_trajectory", 10, publisher_class=exact)
+        listen = self.node.create_subscription
         listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, RELIABLE_READER)
         listen(ParameterEvent, "/parameter_events", self._on_parameters, RELIABLE_READER)
         listen(Log, "/rosout", self._on_log, READER)
 
     def close(self) -> None:
         """Leave the graph."""
-        self._executor.remove_node(self._node)
+        self._executor.remove_node(self.node)
         self._executor.shutdown()
         self._listener.destroy_node()
-        self._node.destroy_node()
+        self.node.destroy_node()
 
     def spin(self) -> None:
         """Handle what has arrived, for at most a few milliseconds."""
@@ -118,7 +119,7 @@ class System:
         """See who is in the graph."""
         found = self.graph()
         here = {name for name, space in found if space == self.namespace}
-        sources = self._node.get_publishers_info_by_topic("joint_states")
+        sources = self.node.get_publishers_info_by_topic("joint_states")
         named = [f"{i.node_namespace.rstrip('/')}/{i.node_name}" for i in sources if i.node_name != NODE_NAME_UNKNOWN]
         self.source.see("simulator" in here, named)
         for node in ("trajectory", "simulator"):
@@ -139,15 +140,15 @@ class System:
 
     def topic(self, name: str) -> str:
         """Full name of a topic."""
-        return str(self._node.resolve_topic_name(name))
+        return str(self.node.resolve_topic_name(name))
 
     def graph(self) -> list[tuple[str, str]]:
         """Name and namespace of every node of the domain."""
-        return list(self._node.get_node_names_and_namespaces())
+        return list(self.node.get_node_names_and_namespaces())
 
     def publishers(self, topic: str) -> int:
         """How many nodes publish a topic."""
-        return int(self._node.count_publishers(topic))
+        return int(self.node.count_publishers(topic))
 
     def has(self, node: str) -> bool:
         """Whether the namespace has a node of this name."""
@@ -241,7 +242,7 @@ class System:
 
     def _on_log(self, message: Log) -> None:
         name = self._own(message.name.replace(".", "/"))
-        if name and message.level > _ABOVE_INFO and name not in (self._node.get_name(), self._listener.get_name()):
+        if name and message.level > _ABOVE_INFO and name not in (self.node.get_name(), self._listener.get_name()):
             self.note(f"{name}: {message.msg}")
 
     def _on_parameters(self, message: ParameterEvent) -> None:
@@ -262,7 +263,7 @@ class System:
             self.require(node)
         within = min(within, _SILENT_WITHIN) if self.lives.trouble(node) else within
         if name not in self._clients:
-            self._clients[name] = self._node.create_client(kind, name)
+            self._clients[name] = self.node.create_client(kind, name)
         client, end = self._clients[name], time.monotonic() + _THERE_WITHIN
         while not client.service_is_ready():
             if time.monotonic() > end:
