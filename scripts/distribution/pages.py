@@ -19,8 +19,22 @@ _SHOWN = (".py", ".ipynb")
 _LINK = re.compile(r"(\]\()([^)#\s:]+)((?:#[^)\s]*)?\))")
 _FOR_TESTS = re.compile(r"^(```\w+) (?:example|fails)$", re.MULTILINE)
 """Words after a fence that only the tests read."""
-_PAST = "---\nsearch:\n  boost: 0.1\n---\n"
-"""Before a page of the past: a search finds what is true now first."""
+_BOOSTS = {
+    "decisions/": 0.1,
+    "files/": 0.1,
+    "changelog.md": 0.1,
+    "leaderboard.md": 0.2,
+    "tournament.md": 0.2,
+    "api.md": 0.3,
+    "reference.md": 0.3,
+    "pages.md": 0.5,
+    "topics.md": 0.5,
+    "glossary.md": 0.5,
+    "arms.md": 0.5,
+    "performance.md": 0.5,
+    "examples/": 0.6,
+}
+"""How much a page counts in a search, by the start of its name: what to do comes before lists and the past."""
 _DRAWS = "savefig("
 """In an example whose picture its page shows; those that need a bag have none to read here."""
 
@@ -45,8 +59,13 @@ def collect(folder: Path) -> None:
         else:
             source = sources.get(name, ROOT / "docs" / name)
             text = source.read_text("utf-8")
-        head = _PAST if name.startswith("decisions/") or name == "changelog.md" else ""
-        page.write_text(head + _with_links(text, source, page, folder), "utf-8")
+        page.write_text(_head(name) + _with_links(text, source, page, folder), "utf-8")
+
+
+def _head(name: str) -> str:
+    """What the search needs to know of a page."""
+    boost = next((value for start, value in _BOOSTS.items() if name.startswith(start)), None)
+    return f"---\nsearch:\n  boost: {boost}\n---\n" if boost else ""
 
 
 def _with_links(text: str, source: Path, page: Path, folder: Path) -> str:
