@@ -4,6 +4,7 @@ import functools
 import http.server
 import sys
 import threading
+import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
@@ -140,3 +141,11 @@ def test_a_reader_finds_equations_diagrams_and_pictures(address: str, reader: Pa
     assert reader.evaluate("[...document.images].filter(i => i.complete && i.naturalWidth > 300).length") >= 3
     assert not reader.complaints
     assert all(request.startswith((address, "data:", "blob:")) for request in [*asked, *reader.requests])
+
+
+def test_notebooks_are_shown_with_what_they_print_and_draw(address: str) -> None:
+    for name, printed in (("colab", "super_twisting [0."), ("own_law", "failed: {}"), ("payload_of_an_arm", "kg: [")):
+        with urllib.request.urlopen(f"{address}/examples/{name}.html") as page:
+            text = page.read().decode()
+        assert f"{name}_files/" in text, "no picture"
+        assert printed in text
