@@ -46,7 +46,7 @@ def build(out: Path) -> None:
     programs = tools("docs")
     with tempfile.TemporaryDirectory() as text:
         pages = Path(text, "pages")
-        collect(pages)
+        collect(pages, programs)
         (pages / "mermaid.min.js").write_bytes(_mermaid())
         environment = {**outside(), "PIDTSM_PAGES": str(pages), "PIDTSM_SITE": str(out), "NO_MKDOCS_2_WARNING": "1"}
         call(programs / "mkdocs", "build", "--strict", environment=environment)  # --quiet would hide warnings from it.

@@ -12,6 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from distribution.audit import audit
 from distribution.tools import ROOT, DistributionError, call, make_environment, outside, pythons, tools
 from distribution.version import find_differences, version
 
@@ -40,6 +41,7 @@ def _release(out: Path, wanted: list[str] | None, quick: bool) -> None:
     known = pythons()
     if missing := set(wanted or ()) - known.keys():
         raise DistributionError(f"no Python {', '.join(sorted(missing))} here; found: {', '.join(known)}")
+    _say(audit(ROOT / "requirements" / "wheels.lock", tools("release")))
     wheel = build(out)
     ros = out / f"pidtsm-ros-{version(ROOT)}.tar.gz"
     _say(f"{ros.name}: the ROS packages of the last commit")

@@ -1,9 +1,13 @@
 """What leaves the checkout: the offline bundle installs without network; names and versions agree everywhere."""
 
+import http.server
+import json
 import re
 import shutil
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,7 +18,8 @@ from pidtsm_core import __version__
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from distribution.tools import SUPPORTED, outside, pythons  # noqa: E402
+from distribution.audit import audit  # noqa: E402
+from distribution.tools import SUPPORTED, DistributionError, outside, pythons, tools  # noqa: E402
 from distribution.version import find_differences  # noqa: E402
 
 ALONE = ("unshare", "--map-root-user", "--net")
@@ -70,6 +75,49 @@ def test_the_same_versions_of_python_are_supported_everywhere() -> None:
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "checks.yml").read_text("utf-8"))["jobs"]
     assert jobs["tests"]["strategy"]["matrix"]["python"] == list(SUPPORTED)
     assert sorted(jobs["wheels"]["steps"][1]["with"]["python-version"].split()) == sorted(SUPPORTED)
+
+
+class Advisories(http.server.BaseHTTPRequestHandler):
+    """A database that answers as osv.dev does, and knows one vulnerability."""
+
+    def do_POST(self) -> None:
+        asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        known = [{"id": "PYSEC-2026-1", "summary": "", "details": "", "aliases": [], "affected": []}]
+        answer = json.dumps({"vulns": known} if asked["package"]["name"] == "leaky" else {}).encode()
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(answer)))
+        self.end_headers()
+        self.wfile.write(answer)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing."""
+
+
+@pytest.fixture
+def advisories() -> Iterator[tuple[str, ...]]:
+    """Options of pip-audit."""
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Advisories) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield "--vulnerability-service=osv", f"--osv-url=http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+def lock_of(folder: Path, package: str) -> Path:
+    lock = folder / "some.lock"
+    lock.write_text(f"{package}==1.0 --hash=sha256:{'0' * 64}\n", "utf-8")
+    return lock
+
+
+def test_an_audit_names_a_vulnerable_package(tmp_path: Path, advisories: tuple[str, ...]) -> None:
+    programs = tools("release")
+    assert audit(lock_of(tmp_path, "tight"), programs, *advisories) == "some.lock: no known vulnerability in 1 packages"
+    with pytest.raises(DistributionError, match=r"some\.lock has known vulnerabilities: leaky 1\.0: PYSEC-2026-1"):
+        audit(lock_of(tmp_path, "leaky"), programs, *advisories)
+
+
+def test_an_audit_without_a_database_is_none(tmp_path: Path) -> None:
+    nowhere = ("--vulnerability-service=osv", "--osv-url=http://127.0.0.1:9")
+    assert "not audited" in audit(lock_of(tmp_path, "leaky"), tools("release"), *nowhere)
 
 
 def test_checks_on_github_call_commands_that_exist() -> None:

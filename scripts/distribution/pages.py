@@ -1,7 +1,6 @@
 """Collects the pages of the site in one folder: the documents, those at the top of the checkout, and the examples."""
 
 import ast
-import json
 import os
 import re
 import shutil
@@ -9,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from distribution.notebooks import execute
 from distribution.tools import ROOT, DistributionError
 
 _TOP = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
@@ -19,14 +19,28 @@ _SHOWN = (".py", ".ipynb")
 _LINK = re.compile(r"(\]\()([^)#\s:]+)((?:#[^)\s]*)?\))")
 _FOR_TESTS = re.compile(r"^(```\w+) (?:example|fails)$", re.MULTILINE)
 """Words after a fence that only the tests read."""
-_PAST = "---\nsearch:\n  boost: 0.1\n---\n"
-"""Before a page of the past: a search finds what is true now first."""
+_BOOSTS = {
+    "decisions/": 0.1,
+    "files/": 0.1,
+    "changelog.md": 0.1,
+    "leaderboard.md": 0.2,
+    "tournament.md": 0.2,
+    "api.md": 0.3,
+    "reference.md": 0.3,
+    "pages.md": 0.5,
+    "topics.md": 0.5,
+    "glossary.md": 0.5,
+    "arms.md": 0.5,
+    "performance.md": 0.5,
+    "examples/": 0.6,
+}
+"""How much a page counts in a search, by the start of its name: what to do comes before lists and the past."""
 _DRAWS = "savefig("
 """In an example whose picture its page shows; those that need a bag have none to read here."""
 
 
-def collect(folder: Path) -> None:
-    """Fill an empty folder with all pages.
+def collect(folder: Path, programs: Path) -> None:
+    """Fill an empty folder with all pages; `programs` has the tools that run notebooks.
 
     Raises:
         DistributionError: an example fails.
@@ -36,7 +50,7 @@ def collect(folder: Path) -> None:
     for document, place in _TOP.items():
         shutil.copy(ROOT / document, folder / place)
     shutil.copy(ROOT / "LICENSE", folder)
-    _write_examples(folder / "examples")
+    _write_examples(folder / "examples", programs)
     sources = {place: ROOT / document for document, place in _TOP.items()} | {_PAGES: ROOT / "docs" / "index.md"}
     for page in sorted(folder.rglob("*.md")):
         name = str(page.relative_to(folder))
@@ -45,8 +59,13 @@ def collect(folder: Path) -> None:
         else:
             source = sources.get(name, ROOT / "docs" / name)
             text = source.read_text("utf-8")
-        head = _PAST if name.startswith("decisions/") or name == "changelog.md" else ""
-        page.write_text(head + _with_links(text, source, page, folder), "utf-8")
+        page.write_text(_head(name) + _with_links(text, source, page, folder), "utf-8")
+
+
+def _head(name: str) -> str:
+    """What the search needs to know of a page."""
+    boost = next((value for start, value in _BOOSTS.items() if name.startswith(start)), None)
+    return f"---\nsearch:\n  boost: {boost}\n---\n" if boost else ""
 
 
 def _with_links(text: str, source: Path, page: Path, folder: Path) -> str:
@@ -80,16 +99,21 @@ def _place(target: Path) -> str | None:
     return name.removeprefix("docs/") if name.startswith("docs/") else f"files/{name}"
 
 
-def _write_examples(folder: Path) -> None:
+def _write_examples(folder: Path, programs: Path) -> None:
     folder.mkdir()
+    files = sorted(file for file in (ROOT / "examples").glob("*.*") if file.suffix in _SHOWN)
+    execute([file for file in files if file.suffix == ".ipynb"], programs, folder)
     rows = []
-    for file in sorted((ROOT / "examples").glob("*.*")):
-        if file.suffix not in _SHOWN:
-            continue
-        text = file.read_text("utf-8")
-        about, body = _notebook(text) if file.suffix == ".ipynb" else _script(text)
-        picture = _picture(file, folder) if _DRAWS in text and "sys.argv" not in text else None
-        shown = f"\n![What it draws]({picture})\n" if picture else ""
+    for file in files:
+        if file.suffix == ".ipynb":
+            about, body = _notebook((folder / f"{file.stem}.md").read_text("utf-8"))
+            pictures = sorted(folder.glob(f"{file.stem}_files/*.png"))
+            picture, shown = (f"{file.stem}_files/{pictures[0].name}" if pictures else None), ""
+        else:
+            text = file.read_text("utf-8")
+            about, body = _script(text)
+            picture = _picture(file, folder) if _DRAWS in text and "sys.argv" not in text else None
+            shown = f"\n![What it draws]({picture})\n" if picture else ""
         (folder / f"{file.stem}.md").write_text(f"# {file.name}\n\n{about}\n{shown}\n{body}", "utf-8")
         small = f"![{file.stem}]({picture}){{ width=240 }}" if picture else ""
         sentence = about.partition("\n\n")[0].partition(". ")[0].replace("\n", " ")
@@ -104,11 +128,9 @@ def _script(text: str) -> tuple[str, str]:
 
 
 def _notebook(text: str) -> tuple[str, str]:
-    cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(text)["cells"]]
-    first = next(source for kind, source in cells if kind == "markdown")
-    about = re.sub(r"^# .*\n+", "", first)
-    parts = [source if kind == "markdown" else f"```python\n{source}\n```" for kind, source in cells]
-    return about, "\n\n".join(re.sub(r"^# ", "## ", part) for part in parts[1:]) + "\n"
+    """The first paragraph of a notebook that was run, and the rest without its title."""
+    about, _, body = re.sub(r"^\s*# .*\n+", "", text).partition("\n\n")
+    return about, re.sub(r"^# (?=[A-Z])", "## ", body) + "\n"
 
 
 def _picture(file: Path, folder: Path) -> str:

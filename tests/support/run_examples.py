@@ -21,7 +21,10 @@ def execute(file: Path) -> None:
         return
     text = file.read_text(encoding="utf-8")
     if file.suffix == ".ipynb":
-        blocks = ["".join(cell["source"]) for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+        cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+        # What nbclient leaves out, too: a cell that installs something.
+        run = [cell for cell in cells if "skip-execution" not in cell["metadata"].get("tags", [])]
+        blocks = ["".join(cell["source"]) for cell in run]
     else:
         blocks = re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     names: dict[str, object] = {"__name__": "__main__"}
