@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_studies.commissioning.arm import CommissionError, Wired, Wiring
+from pidtsm_studies.commissioning.arm import CommissionError, Port
 from pidtsm_studies.commissioning.model import ArmModel
 
 FARTHEST = 0.02
@@ -43,7 +43,7 @@ class AwayError(CommissionError):
 class Catch:
     """A spring, a damper and an integral of each joint about where it began, on top of the torque of the model."""
 
-    def __init__(self, port: Wired, model: ArmModel, stiff: float, sign: Array, tell: Callable[[str], None]) -> None:
+    def __init__(self, port: Port, model: ArmModel, stiff: float, sign: Array, tell: Callable[[str], None]) -> None:
         """Look at the arm at rest, for a second.
 
         Args:
@@ -86,7 +86,7 @@ class Catch:
         self.inverted.append(j)
         if carried:
             self.carried[j] *= -1.0
-            self.weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
+            self._weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
 
     def catch(self, j: int) -> None:
         """Catch a joint; if it then goes on as it moves now, its sign was wrong."""
@@ -119,9 +119,9 @@ class Catch:
                 self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
                 self._sum[:] = 0.0
                 if abs(mobility) < described / _HEAVY:
-                    self.weigh(j, mobility)
+                    self._weigh(j, mobility)
             elif 0.0 < mobility < described / _HEAVY:  # The catch is too weak, as for a rotor that is not described.
-                self.weigh(j, max(mobility, 0.5 * described))
+                self._weigh(j, max(mobility, 0.5 * described))
             self.sure[j] = True
             for other in np.flatnonzero(self.caught).tolist():
                 self.catch(other)  # It was pushed too, and shall not be judged by that.
@@ -142,20 +142,11 @@ class Catch:
         size = np.abs(columns).max(axis=0) + 1e-12
         return float(np.linalg.lstsq(columns / size, q, rcond=None)[0][-1] / size[-1])
 
-    def weigh(self, j: int, mobility: float) -> None:
-        """Take over the inertia that joint j has shown, from its acceleration per torque; rotors may lack."""
+    def _weigh(self, j: int, mobility: float) -> None:
+        """Take over the inertia that joint j has shown; rotors are often not described."""
         described = float(np.diag(self.model.inertia(self.start))[j])
         self.inertia[j], self.inertia[:, j] = 0.0, 0.0
         self.inertia[j, j] = np.clip(1.0 / max(abs(mobility), 1e-9), 0.5 * described, _HEAVIEST * described)
-
-    def turn(self, position: Array) -> None:
-        """Take positions for inverted where this is -1, shape (joints,); nothing is caught yet."""
-        wired = self.port.wiring
-        self.port.wiring = Wiring(position * wired.position, wired.effort)
-        self.start, self._last, self._rate = position * self.start, position * self._last, position * self._rate
-        self.rows = [(time, position * q, torque) for time, q, torque in self.rows]
-        self.inertia = self.model.inertia(self.start)
-        self.carried = self.model.gravity(self.start[np.newaxis])[0]
 
     def step(self, extra: Array | None = None) -> Array:
         """Answer one joint state.
@@ -169,27 +160,6 @@ class Catch:
         Raises:
             AwayError: a joint moves too far; commands have ceased.
         """
-        way, dt = self._measure()
-        if self.judges:
-            self._judge(way)
-        if np.any(np.abs(way) > FARTHEST):
-            j = int(np.abs(way).argmax())
-            far = abs(float(way[j]))
-            self.port.act(None)
-            raise AwayError(
-                f"{self.model.joints[j]} moves away although it should be held, by {far:.3g} (allowed: {FARTHEST:g}); "
-                "commands have ceased, so that the brakes close. Check the order of the joints, "
-                "their units and the description"
-            )
-        # Of a joint that sticks, the integral would grow until it leaps.
-        self._sum += np.where(self.caught & (np.abs(self._rate) > _CREEPS), way * dt, 0.0)
-        pole = self.stiff
-        pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
-        self._answer(-self.inertia @ np.where(self.caught, pull, 0.0), extra)
-        return way
-
-    def _measure(self) -> tuple[Array, float]:
-        """Wait for a joint state; the way of each joint, shape (joints,), and the time since the one before, s."""
         measured = self.port.sense()
         while measured is None:
             self.port.act(None)
@@ -197,28 +167,38 @@ class Catch:
         dt = 1e-9 * (measured.stamp - self._stamp) if self._stamp >= 0 else self.port.period
         self._stamp = measured.stamp
         q = measured.position
+        way = q - self.start
         share = min(1.0, _RATE_FILTER * dt)
         self._rate += share * ((q - self._last) / dt - self._rate)
         np.maximum(self._speed, np.abs(self._rate), out=self._speed)
         self._last = q.copy()
-        way = q - self.start
         np.maximum(self.farthest, np.abs(way), out=self.farthest)
-        return way, dt
-
-    def _answer(self, held: Array, extra: Array | None) -> None:
-        """Command what carries the arm, what holds it, and something extra, shape (joints,) each."""
+        if self.judges:
+            self._judge(way)
+        if np.any(np.abs(way) > FARTHEST):
+            self.port.act(None)
+            joint = self.model.joints[int(np.abs(way).argmax())]
+            raise AwayError(
+                f"{joint} moves away although it should be held, by {np.abs(way).max():.3g} (allowed: {FARTHEST:g}); "
+                "commands have ceased, so that the brakes close. Check the order of the joints, their units and the "
+                "description"
+            )
+        # Of a joint that sticks, the integral would grow until it leaps.
+        self._sum += np.where(self.caught & (np.abs(self._rate) > _CREEPS), way * dt, 0.0)
+        pole = self.stiff
+        pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
+        held = -self.inertia @ np.where(self.caught, pull, 0.0)
         self._torques.append(held)
-        torque = self.carried + held if extra is None else self.carried + held + extra
+        torque = self.carried + held
+        if extra is not None:
+            torque = torque + extra
         torque = np.clip(torque, -self.model.effort, self.model.effort)
         self.port.act(self.sign * torque)
-        self.rows.append((1e-9 * self._stamp, self._last.copy(), torque))
-
-    def rate(self, j: int) -> float:
-        """Velocity of joint j, rad/s or m/s."""
-        return float(self._rate[j])
+        self.rows.append((1e-9 * measured.stamp, q.copy(), torque))
+        return way
 
 
-def _at_rest(port: Wired) -> tuple[Array, Array]:
+def _at_rest(port: Port) -> tuple[Array, Array]:
     """Mean position of the arm without commands, and the way from which on a joint has visibly moved."""
     scatter = np.inf
     while True:
@@ -232,7 +212,7 @@ def _at_rest(port: Wired) -> tuple[Array, Array]:
     return q.mean(axis=0), np.maximum(_VISIBLE, np.maximum(_VISIBLE_NOISE * q.std(axis=0), _VISIBLE_STEPS * step))
 
 
-def _watched(port: Wired) -> Array:
+def _watched(port: Port) -> Array:
     """Positions in the second half of some time without commands, shape (samples, joints)."""
     positions = []
     for _ in range(max(20, round(_WATCHED / port.period))):

