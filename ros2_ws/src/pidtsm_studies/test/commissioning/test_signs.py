@@ -43,6 +43,23 @@ def test_inverted_joints_are_found_before_anything_moves_far(wiring: Wiring) -> 
         assert any(ArmModel(ARM).joints[j] in text for text in told)
 
 
+def test_a_joint_that_sticks_is_caught_once_it_breaks_away() -> None:
+    """Its rotor, which the description lacks, makes it several times as heavy; friction no longer holds it."""
+    wrist = {
+        "robot.armature": [0.1, 0.1, 0.1, 0.02, 0.02, 0.02],
+        "rate": 1000,
+        "friction.coulomb": [0.6, 0.6, 0.6, 0.15, 0.15, 0.15],
+        "friction.static": [0.6, 0.6, 0.6, 0.15, 0.15, 5.0],
+        "friction.bristle_stiffness": 2e4,
+        "friction.stribeck_velocity": 0.02,
+        "model_error.mass": 0.0,
+    }
+    signs = SimulatedArm({**ARM, **HARDWARE, **wrist}, wired(5, of_position=False)).signs(ARM, lambda _: None)
+    assert signs.known_by[5] == "nudge"
+    assert signs.wiring.position[5] * signs.wiring.effort[5] == -1.0
+    assert np.all(signs.moved < FARTHEST)
+
+
 class _Falling:
     """An arm whose torques do nothing."""
 
