@@ -20,8 +20,8 @@ sys.path.insert(0, str(ROOT / "scripts"))
 from distribution.tools import call, make_environment, outside, pythons  # noqa: E402
 
 SOURCE = ROOT / "ros2_ws" / "src"
-OF_THE_WORKSPACE = ("analyse_bag.py", "move_an_arm.py", "nodes_from_python.py")
-"""test_examples.py and test_arm_client.py run them."""
+OF_THE_WORKSPACE = ("analyse_bag.py", "move_an_arm.py", "nodes_from_python.py", "two_arms.py")
+"""test_examples.py, test_arm_client.py and test_two_arms.py run them."""
 FILES = [
     ROOT / "README.md",
     *sorted(f for f in ROOT.glob("examples/*.*") if f.suffix in (".py", ".ipynb") and f.name not in OF_THE_WORKSPACE),
