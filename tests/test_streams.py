@@ -349,3 +349,11 @@ def test_another_target_ends_a_jog(rig: StreamRig) -> None:
         rig.publish_target(target([0.0, 0.0], rig.t))
         reference = rig.go_on(0.012)
     assert np.abs(reference[0]).max() < 0.01
+
+
+def test_a_target_that_is_rejected_does_not_end_a_jog(rig: StreamRig) -> None:
+    for k in range(30):
+        rig.publish_target(jog(rig, k, 0.1))
+        rig.publish_target(target([NAN, 0.0], rig.t))
+        reference = rig.go_on(0.012)
+    np.testing.assert_allclose(reference[1], 0.1, atol=0.01)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pidtsm_controller.streams import Streams
-from pidtsm_controller.trajectory_points import places
+from pidtsm_controller.trajectory_points import joint_values, places
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import Value, as_float
-from pidtsm_core.parameters.joints import ABSURD, MessageError
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.poses.parameters import TWIST_TIMEOUT
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.limits import MotionLimits
@@ -79,11 +79,7 @@ class JointJogs:
         columns = places(message.joint_names, self._limits.joints, partial=True)
         if len(message.displacements):
             raise MessageError("displacements are not followed; send velocities")
-        given = np.array(message.velocities)
-        if given.size != columns.size:
-            raise MessageError(f"velocities has {given.size} values for {columns.size} joints")
-        if not (np.abs(given) < ABSURD).all():
-            raise MessageError("velocities is not finite, or absurd")
+        given = joint_values("velocities", message.velocities, columns.size)
         self._streams.held()  # Refused without a joint state.
         velocity = np.zeros(len(self._limits.joints))
         velocity[columns] = given

@@ -7,10 +7,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from pidtsm_controller.trajectory_points import places, read_points
+from pidtsm_controller.trajectory_points import joint_values, places, read_points
 from pidtsm_core.arrays import Array
 from pidtsm_core.parameters import as_float
-from pidtsm_core.parameters.joints import ABSURD, MessageError
+from pidtsm_core.parameters.joints import MessageError
 from pidtsm_core.timing import NANOSECONDS, seconds
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import MotionLimits
@@ -35,7 +35,7 @@ class Streams:
 
     Attributes:
         stopped: that the stream has stopped, for diagnostics; empty if it has not, or another motion has followed.
-        source: topic of the last message; what other topics have begun is over.
+        source: topic of the last target that was accepted; what other topics have begun is over.
     """
 
     def __init__(self, node: ManagedNode, limits: MotionLimits, replace: Callable[[str], None]) -> None:
@@ -129,31 +129,23 @@ class Streams:
         Raises:
             MessageError: it cannot be used.
         """
-        self._take(lambda: self._filter.receive(self._now, stamp, position))
+        self._take(lambda: self._filter.receive(self._now, stamp, position), self.source)
 
     def _on_target(self, message: JointState) -> None:
         columns = places(message.name, self._joints, partial=True)
         targets = np.zeros((2, len(self._joints)))
         targets[0] = self.held()
         for row, field in zip(targets, ("position", "velocity"), strict=True):
-            values = np.array(getattr(message, field))
-            if field == "velocity" and not values.size:
-                continue
-            if values.size != columns.size:
-                raise MessageError(f"{field} has {values.size} values for {columns.size} joints")
-            if not (np.abs(values) < ABSURD).all():
-                raise MessageError(f"{field} is not finite, or absurd")
-            row[columns] = values
-        velocity, self.source = targets[1] if len(message.velocity) else None, TARGET
-        self._take(lambda: self._filter.receive(self._now, nanoseconds(message.header.stamp), targets[0], velocity))
+            given = getattr(message, field)
+            if field == "position" or len(given):
+                row[columns] = joint_values(field, given, columns.size)
+        velocity, stamp = targets[1] if len(message.velocity) else None, nanoseconds(message.header.stamp)
+        self._take(lambda: self._filter.receive(self._now, stamp, targets[0], velocity), TARGET)
 
     def _on_array(self, message: Float64MultiArray) -> None:
         """A target of all joints in the order of the node."""
-        position, held = np.array(message.data), self.held()
-        if position.size != held.size:
-            raise MessageError(f"data has {position.size} values for {held.size} joints")
-        if not (np.abs(position) < ABSURD).all():
-            raise MessageError("data is not finite, or absurd")
+        held = self.held()
+        position = joint_values("data", message.data, held.size)
         distance, tolerance = np.abs(position - held), as_float(self._node.values["start_tolerance"])
         if not self.following and distance.max() > tolerance:  # Without names, nothing else tells what they are.
             raise MessageError(
@@ -161,8 +153,7 @@ class Streams:
                 f"{tolerance:g} is allowed (start_tolerance): send positions, not velocities, in the order "
                 f"{', '.join(self._joints)}"
             )
-        self.source = ARRAY
-        self._take(lambda: self._filter.receive(self._now, 0, position))
+        self._take(lambda: self._filter.receive(self._now, 0, position), ARRAY)
 
     def _on_chunk(self, message: JointTrajectory) -> None:
         if not message.points:
@@ -171,19 +162,19 @@ class Streams:
         times, given = read_points(message)
         positions = np.tile(self.held(), (len(times), 1))
         positions[:, columns] = given[:, 0]
-        start, self.source = nanoseconds(message.header.stamp), CHUNK
+        start = nanoseconds(message.header.stamp)
         if len(times) == 1 and 0.0 <= times[0] < BLEND:  # Too short to take over as a chunk: a target.
             stamp = start + round(times[0] * NANOSECONDS) if start else 0
             velocity = None
             if given.shape[1] > 1:
                 velocity = np.zeros(len(self._joints))
                 velocity[columns] = given[0, 1]
-            self._take(lambda: self._filter.receive(self._now, stamp, positions[0], velocity))
+            self._take(lambda: self._filter.receive(self._now, stamp, positions[0], velocity), CHUNK)
             return
-        self._take(lambda: self._filter.receive_chunk(self._now, start, times, positions))
+        self._take(lambda: self._filter.receive_chunk(self._now, start, times, positions), CHUNK)
 
-    def _take(self, receive: Callable[[], str]) -> None:
-        """Follow what is received, if it can be used."""
+    def _take(self, receive: Callable[[], str], source: str) -> None:
+        """Follow what is received from a topic, if it can be used."""
         assert self._motion is not None
         paused, self._received = self._now - self._received > _PAUSE, self._now
         if (self._busy and self._filter.running) or (self._gave_way and not paused):
@@ -195,7 +186,7 @@ class Streams:
             warning = receive()
         except TrajectoryError as error:
             raise MessageError(str(error)) from None
-        self.stopped = ""
+        self.stopped, self.source = "", source
         if warning and warning != self._warned:
             self._warned = warning
             self._log.warning(warning)

@@ -37,6 +37,20 @@ def places(names: Sequence[str], joints: Sequence[str], *, partial: bool) -> NDA
     return np.array([list(joints).index(name) for name in names], dtype=np.intp)
 
 
+def joint_values(field: str, given: Sequence[float], joints: int) -> Array:
+    """The values of a field, one for each of `joints` joints, shape (joints,).
+
+    Raises:
+        MessageError: their number is wrong, or one is not finite or is absurd.
+    """
+    values = np.array(given, dtype=np.float64)
+    if values.size != joints:
+        raise MessageError(f"{field} has {values.size} values for {joints} joints")
+    if not (np.abs(values) < ABSURD).all():
+        raise MessageError(f"{field} is not finite, or absurd")
+    return values
+
+
 def read_points(message: JointTrajectory) -> tuple[Array, Array]:
     """Times and states of a message in its order of joints, see `states_of`. There is at least one point.
 
