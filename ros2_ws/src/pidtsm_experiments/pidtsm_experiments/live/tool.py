@@ -42,8 +42,8 @@ class Tool:
         self._desk, self._arm, self._size = desk, arm, reach(arm)
         node, scene = desk.system.node, desk.server.scene
         self._poses = node.create_publisher(PoseStamped, "trajectory/pose_target", 10, publisher_class=ExactPublisher)
-        node.create_subscription(WrenchStamped, "controller/external_wrench", self._hear, READER)
-        self._wrench, self._heard = np.zeros(6), -np.inf
+        node.create_subscription(WrenchStamped, "controller/external_wrench", self._receive, READER)
+        self._wrench, self._received = np.zeros(6), -np.inf
         self._wanted: tuple[Array, Array] | None = None
         self._dragged, self._holder = -np.inf, -1  # when, s, and by which browser
         self._gizmo = scene.add_transform_controls("/tool", _GIZMO * self._size, visible=False, depth_test=False)
@@ -87,11 +87,11 @@ class Tool:
     def _check(self, on: bool) -> None:
         setattr(self._box, "value", on)  # noqa: B010  viser's types do not know that it can be set.
 
-    def _hear(self, message: WrenchStamped) -> None:
+    def _receive(self, message: WrenchStamped) -> None:
         force, torque = message.wrench.force, message.wrench.torque
         wrench = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
         if np.isfinite(wrench).all():
-            self._wrench, self._heard = wrench, time.monotonic()
+            self._wrench, self._received = wrench, time.monotonic()
 
     def show(self, position: Array, reference: Array | None) -> None:
         """Send the pose that is wanted, and show the tool.
@@ -117,7 +117,7 @@ class Tool:
             self._gizmo.position, self._gizmo.wxyz = place[:, 3], turn.as_quat(scalar_first=True)
 
     def _show_wrench(self, place: Array) -> None:
-        known = time.monotonic() - self._heard < _RECENT
+        known = time.monotonic() - self._received < _RECENT
         force, torque = (float(np.linalg.norm(part)) for part in (self._wrench[:3], self._wrench[3:]))
         text = f"<span id='wrench'>wrench on the tool: {force:.1f} N, {torque:.2f} N m</span>" if known else ""
         if text != self._shown:
