@@ -55,10 +55,13 @@ def write_demonstrations(options: argparse.Namespace) -> None:
     if not task.strip():
         raise UsageError("--task: must not be empty")
     require_pyarrow()
+    bags = (options.run, *(options.episodes or ()))
+    if absent := [bag for bag in bags if not bag.exists()]:
+        raise UsageError(f"{absent[0]}: no such file or folder")
     folder = new_folder(options.out or options.run.with_name(f"{options.run.absolute().stem}_lerobot"))
     episodes: list[Demonstration] = []
     robot: str | None = None
-    for bag in (options.run, *(options.episodes or ())):
+    for bag in bags:
         try:
             states = read_stamped_positions(bag_of(bag), "joint_states")
             desired = read_stamped_positions(bag_of(bag), "reference") if options.actions == "reference" else None

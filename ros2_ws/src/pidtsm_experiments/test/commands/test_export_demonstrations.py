@@ -131,6 +131,7 @@ def test_an_episode_is_a_motion_again(dataset: Path, capsys: pytest.CaptureFixtu
         (["--actions", "reference"], "no messages reference"),
         (["--episodes", "strange"], "strange: has finger, wrist; the first bag elbow, shoulder"),
         (["--episodes", "short"], "short: lasts 0.01 s; two frames at 30 per second are needed"),
+        (["--episodes", "absent"], "absent: no such file or folder"),
         (["--out", "first"], "exists; name a new folder"),
         (["--out", "no/where"], "is not a folder"),
         (["--csv", "a.csv"], "--format lerobot and --csv"),
