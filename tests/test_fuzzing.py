@@ -349,7 +349,7 @@ values = st.one_of(
     st.just(ParameterValue(type=ParameterType.PARAMETER_NOT_SET)),
     st.just(ParameterValue(type=200)),
 )
-SETS = {"controller": 260, "simulator": 100, "trajectory": 40}
+SETS = {"controller": 260, "simulator": 130, "trajectory": 40}
 """Number of sets of each node."""
 
 
