@@ -166,7 +166,8 @@ def test_parameters_left_behind_reproduce_the_run(tmp_path: Path) -> None:
 
 
 def test_realtime_completes(tmp_path: Path) -> None:
-    recording = read_recording(record(make_experiment("case1", "piddtsm", duration=3.0), "realtime", tmp_path))
+    experiment = make_experiment("case1", "piddtsm", duration=3.0, overrides=["simulator.rate=250"])
+    recording = read_recording(record(experiment, "realtime", tmp_path))
     assert recording.clock == "realtime"
     assert np.all(np.isfinite(recording.effort))
     # Released from its brakes the arm is driven to the reference, not dropped.

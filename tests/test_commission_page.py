@@ -114,9 +114,9 @@ def _asked(text: str) -> str:
     return next((each for each in NAMES if heading(each) in text), "")
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
-    folder = tmp_path_factory.mktemp("page")
+@pytest.fixture
+def scene(tmp_path: Path) -> Iterator[Scene]:
+    folder = tmp_path
     program = Path(get_package_prefix("pidtsm_experiments"), "lib", "pidtsm_experiments", "live")
     with pytest.MonkeyPatch.context() as patch, open_testbed(folder) as testbed:
         patch.setattr(heavyplant, "RATE", SLOW)
@@ -140,7 +140,11 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
             assert "Traceback" not in text, text
 
 
-def test_a_whole_commissioning_by_clicks(scene: Scene) -> None:
+def begin(scene: Scene) -> None:
+    """Go on until the wrong sign is found, the session was stopped, the page opened again, and the session continues.
+
+    Whoever closes the page stops nothing; whoever opens it again sees the same.
+    """
     live, arm = scene
     scene.opened()
     live.flip("bags", on=False)
@@ -153,7 +157,6 @@ def test_a_whole_commissioning_by_clicks(scene: Scene) -> None:
     scene.stopped()
     scene.says("The arm is held")
     at = arm.q.copy()
-    # Whoever closes the page stops nothing; whoever opens it again sees the same.
     live.page.open(live.system.address, 1000, 500)
     scene.opened()
     scene.says("stopped")
@@ -161,9 +164,33 @@ def test_a_whole_commissioning_by_clicks(scene: Scene) -> None:
     assert not arm.braked
     assert np.abs(arm.q - at).max() < HELD
     scene.confirmed("Continue", CARRIED)
-    assert tuple(dict.fromkeys(scene.all_agreed())) == NAMES[1:]
+
+
+def end(scene: Scene) -> None:
+    """Release the arm."""
+    live, arm = scene
     (folder,) = live.system.folder.glob("results/live/commission-*")
     assert is_held(folder)
+    scene.confirmed("Release the arm", "Commands cease")
+    until(lambda: arm.braked and not is_held(folder), "the brakes")
+    until(lambda: "ommissioning" not in live.text("#status"), "the controller may come back")
+
+
+def test_a_commissioning_begins_stops_goes_on_and_ends_by_clicks(scene: Scene) -> None:
+    begin(scene)
+    scene.agreed("rest")
+    scene.agreed("lateness")
+    scene.stopped()
+    scene.says("The arm is held")
+    end(scene)
+
+
+@pytest.mark.long
+def test_a_whole_commissioning_by_clicks(scene: Scene) -> None:
+    live = scene.live
+    begin(scene)
+    assert tuple(dict.fromkeys(scene.all_agreed())) == NAMES[1:]
+    (folder,) = live.system.folder.glob("results/live/commission-*")
     curves = "document.querySelector('#report iframe').contentDocument.querySelectorAll('canvas').length"
     until(lambda: live.page.evaluate(f"document.querySelector('#report iframe') && {curves}"), "the plots")
     links = live.page.evaluate("[...document.querySelectorAll('#report a')].map(a => a.href)")
@@ -173,6 +200,4 @@ def test_a_whole_commissioning_by_clicks(scene: Scene) -> None:
     assert live.page.evaluate(f"fetch('{folder.name}/session.json').then(answer => answer.status)") != 200
     settings = make_experiment(None, params=str(folder / "commission.yaml")).settings["controller"]
     assert settings["compensation.coulomb"]
-    scene.confirmed("Release the arm", "Commands cease")
-    until(lambda: arm.braked and not is_held(folder), "the brakes")
-    until(lambda: "ommissioning" not in live.text("#status"), "the controller may come back")
+    end(scene)

@@ -27,7 +27,7 @@ def test_composed_lockstep_is_the_rollout_to_the_last_bit(tmp_path: Path) -> Non
 
 
 def test_composed_realtime_completes(tmp_path: Path) -> None:
-    experiment = make_experiment("case1", "piddtsm", duration=2.0)
+    experiment = make_experiment("case1", "piddtsm", duration=2.0, overrides=["simulator.rate=250"])
     recording = read_recording(run(experiment, "realtime", tmp_path, lambda _: None, composed=True))
     assert np.all(np.isfinite(recording.effort))
     assert np.all(np.diff(recording.stamps_ns) > 0)

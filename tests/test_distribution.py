@@ -30,6 +30,7 @@ def isolates() -> bool:
     return shutil.which("unshare") is not None and subprocess.run([*ALONE, "true"], capture_output=True).returncode == 0
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not isolates(), reason="this machine allows no network namespace")
 def test_a_bundle_installs_without_network_and_no_damaged_one(tmp_path: Path) -> None:
     version = list(pythons())[-1]

@@ -112,7 +112,11 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Outcom
 
 @pytest.mark.parametrize(
     ("python", "file"),
-    [pytest.param(python, file, id=f"{python}-{file.name}") for python, files in RUNS.items() for file in files],
+    [
+        pytest.param(python, file, id=f"{python}-{file.name}", marks=[pytest.mark.long] if python == "oldest" else [])
+        for python, files in RUNS.items()
+        for file in files
+    ],
 )
 def test_it_runs_without_ros(outcomes: Callable[[str], Outcomes], python: str, file: Path) -> None:
     found = outcomes(python)[file.name]

@@ -16,7 +16,7 @@ FIELDS = ("period", "rate", "period_jitter", "state_age", "missed_deadlines", "c
 
 
 def test_controller_state_tells_of_its_loop(tmp_path: Path) -> None:
-    overrides = ["controller.diagnostics.deadline=1.0e-9", "controller.realtime.priority=0"]
+    overrides = ["controller.diagnostics.deadline=1.0e-9", "controller.realtime.priority=0", "simulator.rate=250"]
     bag = run(make_experiment("case1", duration=2.5, overrides=overrides), "realtime", tmp_path, lambda _: None)
     with AnyReader([bag], default_typestore=typestore()) as reader:
         connections = [c for c in reader.connections if c.topic == "/controller/state"]

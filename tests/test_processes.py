@@ -32,7 +32,7 @@ def test_a_signal_ends_a_started_node_cleanly(testbed: Testbed, node: str, numbe
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_controller_ends_although_a_reader_is_suspended(testbed: Testbed, number: signal.Signals) -> None:
     """A recorder that is suspended acknowledges nothing; another signal meanwhile changes nothing."""
-    testbed.start("simulator")
+    testbed.start("simulator", "rate:=250")
     testbed.start("trajectory")
     recorder = testbed.start("recorder", f"output:={testbed.folder / 'bag'}")
     controller = testbed.start("controller", "start.subscribers:=2")

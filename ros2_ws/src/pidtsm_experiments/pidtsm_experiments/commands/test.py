@@ -16,8 +16,8 @@ _STYLE = (("ruff", "check", "."), ("ruff", "format", "--check", "."))
 _TYPES = ("mypy",)
 _COMPILE = "import support.nursery_preload; from pidtsm_core.rollouts.closed_loop import rollout; rollout(duration=0.1)"
 """Run before the tests: once, and not in each of their processes at the same time."""
-# The tests of a file share nodes, so they stay together. Three processes even on two cores, as many wait for messages.
-_TESTS = ("pytest", "--numprocesses", "3", "--dist", "loadfile", "--no-loadscope-reorder")
+# The tests of a file share nodes, so they stay together. Loops in real time bear no more processes than cores.
+_TESTS = ("pytest", "--numprocesses", "2", "--dist", "loadfile", "--no-loadscope-reorder")
 _NONE_CHOSEN = 5
 """Exit code of pytest where its options choose none of the tests."""
 _ALONE = "*_realtime.py"
@@ -33,6 +33,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="run all checks, but only the tests that changes since COMMIT (default: the last one) can break",
     )
     parser.add_argument(
+        "--long",
+        action="store_true",
+        help="run also the tests that take minutes: the offline bundle, the oldest Python, a commissioning by clicks",
+    )
+    parser.add_argument(
         "arguments",
         nargs=argparse.REMAINDER,
         metavar="ARGS",
@@ -44,15 +49,16 @@ def execute(options: argparse.Namespace) -> int:
     root = next((p for p in Path(__file__).resolve().parents if (p / "pyproject.toml").is_file()), None)
     if root is None:
         raise UsageError("test needs the source checkout")
+    arguments = [*(["-m", ""] if options.long else []), *options.arguments]
     if options.arguments and options.changed is None:
-        return _run(root, "pytest", *options.arguments)
+        return _run(root, "pytest", *arguments)
     files = _affected(root, options.changed) if options.changed else []
     # The types take one processor for as long as compiling and the first tests take the other.
     with TemporaryFile("w+") as output, _start(root, *_TYPES, stdout=output, stderr=output) as types:
         with subprocess.Popen([sys.executable, "-c", _COMPILE], cwd=root / "tests"):
             failed = [" ".join(check) for check in _STYLE if _run(root, *check)]
         if files is not None:
-            failed += _test(root, options.arguments, files)
+            failed += _test(root, arguments, files)
         if types.wait():
             failed.append(" ".join(_TYPES))
         output.seek(0)
