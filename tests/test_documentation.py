@@ -220,7 +220,7 @@ def test_ros2_commands_run(
 def check_test_command(line: str) -> None:
     """Running the tests from a test would not end; what they are given must exist."""
     for word in line.partition("#")[0].split()[2:]:
-        assert word == "--changed" or (ROOT / word.partition("::")[0]).exists(), line
+        assert word in ("--changed", "--long") or (ROOT / word.partition("::")[0]).exists(), line
 
 
 def test_examples_of_new_members_work(tmp_path: Path, environment: dict[str, str]) -> None:
