@@ -83,8 +83,12 @@ def forget_compliance(state: ControllerState) -> None:
 @part
 def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     own = state.compliance
-    _move_gains(own, config.compliance.gains, dt)
-    pushed = _feel(config, state, dt)
+    share = min(dt / _FADES_IN, 1.0) if own.age[0] > 0.0 else 1.0
+    left = _feel(config, state, dt)
+    pushed = left > 0.0
+    # The springs balance what the dead zone leaves of a force; near the zone, they only bring the arm back.
+    limited = max(left, 1.0 - left)
+    _move_gains(own, config.compliance.gains, share, limited)
     if not (pushed or _yields(state)):
         return
     n, offset, rest, here = own.force.size, own.offset, own.rates[0], own.rates[1]
@@ -98,11 +102,11 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
             spring.tree[k] = config.compliance.tree[k]
         for k in range(POSE):
             spring.stiffness[k] = own.gains[GAINS.STIFFNESS + k]
-            spring.limits[k] = own.gains[GAINS.LIMIT + k]
+            spring.limits[k] = limited * own.gains[GAINS.LIMIT + k]
         null_space = own.gains[GAINS.NULL_SPACE]
         write_spring(spring, config.compliance.row, config.compliance.point, rest, here, null_space)
     else:
-        _write_joint_springs(own, spring)
+        _write_joint_springs(own, spring, limited)
     for j in range(n):
         own.force[j] += spring.efforts[0, j] + spring.efforts[1, j]
     _integrate(own, spring, config.compliance.damping, config.compliance.inertia, dt)
@@ -110,19 +114,18 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
 
 
 @inlined
-def _move_gains(own: Compliance, wanted: Array, dt: float) -> None:
-    """Move the gains towards the wanted ones over dt (s)."""
+def _move_gains(own: Compliance, wanted: Array, share: float, limited: float) -> None:
+    """Move the gains by a share towards the wanted ones; `limited` is the share of the limits that holds."""
     gains, n = own.gains, own.force.size
-    share = min(dt / _FADES_IN, 1.0) if own.age[0] > 0.0 else 1.0
     error = spring_of(own.spring, n).error
     for k in range(wanted.size):
         joint = k - GAINS.JOINTS - n
         if GAINS.LIMIT <= k < GAINS.NULL_SPACE:
             force = gains[GAINS.STIFFNESS + k - GAINS.LIMIT] * error[k - GAINS.LIMIT]
-            gains[k] = _moved_limit(gains[k], wanted[k], force, share)
+            gains[k] = _moved_limit(gains[k], wanted[k], force / limited, share)
         elif joint >= 0:
             force = gains[GAINS.JOINTS + joint] * own.offset[0, joint]
-            gains[k] = _moved_limit(gains[k], wanted[k], force, share)
+            gains[k] = _moved_limit(gains[k], wanted[k], force / limited, share)
         else:
             gains[k] += share * (wanted[k] - gains[k])
 
@@ -143,8 +146,8 @@ def _moved_limit(present: float, wanted: float, force: float, share: float) -> f
 
 
 @inlined
-def _feel(config: ControllerConfig, state: ControllerState, dt: float) -> bool:
-    """Write the torque from outside beyond what is usual and the dead zone; whether there is any."""
+def _feel(config: ControllerConfig, state: ControllerState, dt: float) -> float:
+    """Write the torque from outside beyond what is usual and the dead zone; return the share that the zone leaves."""
     own, zone = state.compliance, config.compliance.dead_zone
     size = 0.0
     if config.compliance.active and own.age[0] < _TARED_IN:
@@ -165,15 +168,15 @@ def _feel(config: ControllerConfig, state: ControllerState, dt: float) -> bool:
         left = 1.0 - 1.0 / math.sqrt(size)
     for j in range(zone.size):
         own.force[j] *= left
-    return left > 0.0
+    return left
 
 
 @inlined
-def _write_joint_springs(own: Compliance, spring: Spring) -> None:
-    """As `write_spring`, for a spring on each joint."""
+def _write_joint_springs(own: Compliance, spring: Spring, limited: float) -> None:
+    """As `write_spring`, for a spring on each joint; `limited` is the share of the limits that holds."""
     n, offset = own.force.size, own.offset[0]
     for i in range(n):
-        stiffness, limit = own.gains[GAINS.JOINTS + i], own.gains[GAINS.JOINTS + n + i]
+        stiffness, limit = own.gains[GAINS.JOINTS + i], limited * own.gains[GAINS.JOINTS + n + i]
         spring.efforts[0, i] = force_of(stiffness, -offset[i], limit)
         spring.efforts[1, i] = 0.0
         row = spring.metric[i]
