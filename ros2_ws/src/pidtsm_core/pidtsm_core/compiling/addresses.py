@@ -13,6 +13,7 @@ import hashlib
 import threading
 import traceback
 from collections.abc import Callable, Mapping
+from functools import cache, cached_property
 from types import FunctionType
 from typing import Any, ClassVar, TypeVar, get_type_hints
 
@@ -300,15 +301,19 @@ class PartOf:
         self._parts: list[_Part] = []
 
     def __call__(self, function: _Function) -> _Function:
-        self._parts.append(_Part(function, lambda: self._signature(function)))
+        self._parts.append(_Part(function, cache(lambda: self._signature(function))))
         return function
 
-    def _signature(self, function: Any) -> Any:
+    @cached_property
+    def _kinds(self) -> Mapping[Any, Any]:
+        """Numba's types by annotation."""
         examples = [make() for make in self._make_examples]
-        kinds: Mapping[Any, Any] = {**_KINDS, **{type(e): pointer_to(e) for e in examples}}
+        return {**_KINDS, **{type(each): pointer_to(each) for each in examples}}
+
+    def _signature(self, function: Any) -> Any:
         hints = get_type_hints(function)
-        result = kinds[hints.pop("return")]
-        return result(*(kinds[hint] for hint in hints.values()))
+        result = self._kinds[hints.pop("return")]
+        return result(*(self._kinds[hint] for hint in hints.values()))
 
     def prepare(self) -> None:
         """Compile every part, for a caller that must not wait later."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from scipy.linalg import block_diag, expm
 
 from pidtsm_core.arrays import Array
 
@@ -109,6 +108,8 @@ def sampled_plant(drives: Drives, inertia: Array) -> Plant:
     Returns:
         A, shape (states, states); B, shape (states, joints); C, shape (joints, states).
     """
+    from scipy.linalg import block_diag, expm  # See current_loop.py.
+
     joints, elastic = drives.rotor.size, np.flatnonzero(drives.stiffness)
     count = joints + elastic.size
     mass = block_diag(inertia - np.diag(np.where(drives.stiffness > 0.0, drives.rotor, 0.0)), *drives.rotor[elastic])

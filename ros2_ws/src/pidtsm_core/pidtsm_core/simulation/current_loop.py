@@ -5,7 +5,6 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import PartOf
@@ -109,6 +108,8 @@ def _transition(frequency: float, damping: float, dt: float) -> Array:
     """Row of `CurrentLoopConfig.transition`: exact for a command that does not change within the sample."""
     if frequency == 0.0:
         return np.zeros(len(By))
+    from scipy.linalg import expm  # This import takes a seventh of the time of a short process.
+
     # The integral of the difference is a third state.
     rates = np.array([[0.0, 1.0, 0.0], [-(frequency**2), -2.0 * damping * frequency, 0.0], [1.0 / dt, 0.0, 0.0]])
     over = np.asarray(expm(rates * dt))
