@@ -108,9 +108,12 @@ def test_a_tool_that_is_let_go_returns_exactly() -> None:
     assert not arm.controller.state.compliance.offset.any()
 
 
-def test_a_wall_gets_no_more_than_the_limit_and_gains_that_change_make_no_step(tmp_path: Path) -> None:
+@pytest.mark.parametrize("dead_zone", [0.0, [1.74] * 4 + [0.24] * 3], ids=["no dead zone", "dead zone"])
+def test_a_wall_gets_no_more_than_the_limit_and_gains_that_change_make_no_step(
+    tmp_path: Path, dead_zone: float | list[float]
+) -> None:
     (tmp_path / "wall.xml").write_text(WALL, encoding="utf-8")
-    soft = {**TOOL, "compliance.stiffness": [150.0] * 3 + [50.0] * 3}
+    soft = {**TOOL, "compliance.dead_zone": dead_zone, "compliance.stiffness": [150.0] * 3 + [50.0] * 3}
     arm = Yielding(soft, {"scene": str(tmp_path / "wall.xml")})
     arm.swing(0.166, 3000)
     efforts = arm.advance(1000)
