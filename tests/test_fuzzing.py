@@ -381,7 +381,8 @@ def fuzz_parameters(testbed: Testbed, name: str) -> None:
         before = after
 
     change()
-    assert taken > 5 or name == "trajectory"
+    # What Hypothesis generates depends on the modules that are loaded, and so on the tests that ran before.
+    assert taken or name == "trajectory"
     back = [Parameter(name=key, value=start[key]) for key in own if before[key] != start[key]]
     assert call(SetParametersAtomically, parameters=back).result.successful
     assert get() == start
