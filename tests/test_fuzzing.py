@@ -349,8 +349,8 @@ values = st.one_of(
     st.just(ParameterValue(type=ParameterType.PARAMETER_NOT_SET)),
     st.just(ParameterValue(type=200)),
 )
-SETS = {"controller": 260, "simulator": 130, "trajectory": 40}
-"""Number of sets of each node."""
+SETS = {"controller": 260, "simulator": 260, "trajectory": 40}
+"""Number of sets of each node. Hypothesis generates others if other modules are loaded, so that it takes many."""
 
 
 def fuzz_parameters(testbed: Testbed, name: str) -> None:
@@ -381,8 +381,7 @@ def fuzz_parameters(testbed: Testbed, name: str) -> None:
         before = after
 
     change()
-    # What Hypothesis generates depends on the modules that are loaded, and so on the tests that ran before.
-    assert taken or name == "trajectory"
+    assert taken > 5 or name == "trajectory"
     back = [Parameter(name=key, value=start[key]) for key in own if before[key] != start[key]]
     assert call(SetParametersAtomically, parameters=back).result.successful
     assert get() == start

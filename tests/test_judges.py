@@ -72,11 +72,13 @@ DURATION = 0.3  # s
 
 def experiment_of(name: str, folder: Path) -> Experiment:
     """The Panda touches a wall, on MuJoCo."""
-    words = ["simulator.encoder.bits=14", *(["simulator.rate=400"] if RUNS[name].clock == "realtime" else [])]
+    words, duration = ["simulator.encoder.bits=14"], DURATION
+    if RUNS[name].clock == "realtime":
+        words, duration = [*words, "simulator.rate=400"], 2.5 * DURATION
     if RUNS[name].robot == "panda":
         (folder / "wall.xml").write_text(WALL, encoding="utf-8")
         words += ["simulator.engine=mujoco", f"simulator.scene={folder / 'wall.xml'}"]
-    return make_experiment(None, None, DURATION, ["practical"], words, robot=RUNS[name].robot)
+    return make_experiment(None, None, duration, ["practical"], words, robot=RUNS[name].robot)
 
 
 @pytest.fixture(scope="module")
@@ -239,7 +241,7 @@ def test_without_the_ground_truth_a_run_is_judged_by_what_was_measured(
     assert measured.truth == "joint_states (measured), no ground truth in the bag"
     assert measured.lacking == ("controller/state",)
     joint, at, of = np.intersect1d(measured.stamps_ns, true.stamps_ns, return_indices=True)
-    assert joint.size >= 100
+    assert joint.size >= 200
     encoder = 2.0 * np.pi / 2**14
     assert np.abs(measured.error[at] - true.error[of]).max() <= encoder
     np.testing.assert_array_equal(measured.effort[at][:-1], true.effort[of][:-1])

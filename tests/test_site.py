@@ -37,7 +37,7 @@ SEARCHES = {
     "arm falls when the controller is killed": "commissioning faults ros2-control",
     "robot on another computer": "security",
     "real-time priority": "timing",
-    "estimate the mass of the payload": "identify examples/payload_of_an_arm",
+    "estimate the mass of the payload": "identify",
     "compare two runs": "record-and-analyse",
     "joystick teleoperation": "streams poses",
     "arm with a gripper": "own-robot",

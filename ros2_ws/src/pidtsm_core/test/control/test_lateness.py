@@ -54,8 +54,10 @@ def test_known_lateness_costs_no_accuracy(robot: str, simulator: dict[str, Any],
 @pytest.mark.parametrize("share", [0.7, 1.0, 1.3])
 @pytest.mark.parametrize(("simulator", "known"), [({"delay.samples": 30}, {DELAY: 0.03}), LATE[1]])
 def test_what_is_known_may_be_wrong_by_a_third(share: float, simulator: dict[str, Any], known: dict[str, Any]) -> None:
-    # From 1.4e-3 to 2.3e-3 for a lag known as 1.3 times itself, by the last bits of the encoder.
-    assert late_error(run(simulator, {name: share * value for name, value in known.items()})) < 3e-3
+    # One error depends on the last bits, and so on the processor: for the longest lag it goes from 1.4e-3 to 2.3e-3.
+    known = {name: share * value for name, value in known.items()}
+    pushes = ({"push.force": [1e-9 * k, 0.0, 0.0], "push.time": 1.0, "push.duration": 1.0} for k in range(7))
+    assert np.median([late_error(run({**simulator, **push}, known)) for push in pushes]) < 2e-3
 
 
 @pytest.mark.parametrize("known", [{DELAY: 0.01}, {LAG: 0.01}])
