@@ -30,10 +30,10 @@ _WITHOUT_3D = ("--disable-gpu",)
 _WITH_3D = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 _FEW_FRAMES = """
 const request = window.requestAnimationFrame.bind(window);
-window.requestAnimationFrame = callback => setTimeout(() => request(callback), 200);
+window.requestAnimationFrame = callback => setTimeout(() => request(callback), 400);
 window.cancelAnimationFrame = clearTimeout;
 """
-"""Makes a page draw five times a second: software that renders as often as it can takes a processor."""
+"""Makes a page draw about twice a second: one picture takes a software renderer up to a fifth of a second."""
 
 
 class Page:

@@ -39,11 +39,6 @@ const mark = element => {
 };
 """
 MARKED = "[data-marked]"
-_SLOWLY = """
-const soon = window.requestAnimationFrame.bind(window);
-window.requestAnimationFrame = (draw) => setTimeout(() => soon(draw), 200);
-"""
-"""The page draws five pictures a second: a software renderer takes both processors for more."""
 
 
 def until(condition: Callable[[], Any], what: str | Callable[[], str]) -> Any:
@@ -110,23 +105,26 @@ class LivePage:
     def __init__(self, page: Page, system: LiveSystem) -> None:
         """Open the page, and wait until it shows the system."""
         self.page, self.system = page, system
-        page.call("Page.addScriptToEvaluateOnNewDocument", source=_SLOWLY)
         page.open(system.address, 1000, 500)
         page.wait("document.querySelector('[role=tab]') !== null")
+
+    def until(self, condition: Callable[[], Any], what: str) -> Any:
+        """Likewise; a failure tells what the page showed."""
+        return until(condition, lambda: f"{what}; the page: {self.text('#status')}; {self.text('#events')}")
 
     def _mark(self, script: str) -> None:
         self.page.wait(f"(() => {{ {_SHARED} {script} }})()")
 
     def press(self, label: str) -> None:
-        """Press a button, or open a tab; a tab moves while lines appear above it, so the mouse may miss it."""
-        closed = f"document.querySelector('{MARKED}').getAttribute('aria-selected') === 'false'"
+        """Press a button, or open a tab, with the keyboard: lines that appear above move them away from a mouse."""
+        shown = f"visible('button, [role=tab]', {json.dumps(label)})"
+        self._mark(f"const [found] = {shown}; return found ? mark(found) : false;")
+        self.page.focus(MARKED)
+        self.page.key("Enter", 13, "\r")
 
-        def pressed() -> bool:
-            self._mark(f"const [b] = visible('button, [role=tab]', {json.dumps(label)}); return b ? mark(b) : false;")
-            self.page.click(MARKED)
-            return not self.page.evaluate(closed)
-
-        until(pressed, f"{label} is pressed")
+    def _click(self) -> None:
+        """Click on what is marked, wherever it is by now."""
+        self.page.evaluate(f"document.querySelector('{MARKED}').click()")
 
     def field(self, label: str) -> None:
         """Mark the field with this label."""
@@ -149,7 +147,7 @@ class LivePage:
         def flipped() -> bool:
             self.field(label)
             if self.page.evaluate(checked) is not on:
-                self.page.evaluate(f"document.querySelector('{MARKED}').click()")
+                self._click()
             return self.page.evaluate(checked) is on
 
         until(flipped, f"{label} is {'on' if on else 'off'}")
@@ -182,9 +180,9 @@ class LivePage:
     def choose(self, label: str, value: str) -> None:
         """Choose a value of a list."""
         self.field(label)
-        self.page.click(MARKED)
+        self._click()
         self._mark(f"const [one] = visible('[role=option]', {json.dumps(value)}); return one ? mark(one) : false;")
-        self.page.click(MARKED)
+        self._click()
 
     def text(self, selector: str) -> str:
         """The text of an element; empty if there is none."""
@@ -208,9 +206,10 @@ class LivePage:
         return [float(t) for t in time[events > np.max(errors)]]
 
     def worst_error(self, seconds: float) -> float:
-        """Largest error of any joint in the last seconds, as the plot shows it, mrad."""
+        """Largest error of any joint in the last seconds, as the plot shows it, mrad; nan: it shows none of then."""
         time, *errors, _ = self.curve("error e")
-        return float(np.abs(np.array(errors)[:, time >= -seconds]).max())
+        shown = np.abs(np.array(errors)[:, time >= -seconds])
+        return float(shown.max()) if shown.size else float("nan")
 
 
 @contextmanager

@@ -22,7 +22,7 @@ class Undo:
     """
 
     def __init__(self, desk: Desk, forms: Mapping[str, NodeForms]) -> None:
-        """Add it to the current container; it is hidden until there is a change. `forms`: by node."""
+        """Add it to the current container; it is hidden until the first change. `forms`: by node."""
         self._desk, self._forms, gui = desk, forms, desk.server.gui
         self._folder = gui.add_folder("Changes", visible=False)
         with self._folder:
@@ -68,11 +68,12 @@ class Undo:
     def show(self) -> None:
         """Show the history."""
         steps = self._desk.changes.steps
-        if self._folder.visible != bool(steps):
-            self._folder.visible = bool(steps)
+        # It appears once, and keeps its height: what is below must not move away from a mouse that is about to press.
+        if steps and not self._folder.visible:
+            self._folder.visible = True
         lines = "".join(f"<div>{step.at} {escape(str(step))}</div>" for step in reversed(steps[-_SHOWN:]))
         more = f"<div>and {len(steps) - _SHOWN} before</div>" if len(steps) > _SHOWN else ""
         self._html.content = (
-            '<div id="changes" style="padding:0 0.75em 0.5em;font-size:0.8em;max-height:9em;overflow-y:auto;'
+            '<div id="changes" style="padding:0 0.75em 0.5em;font-size:0.8em;height:4.5em;overflow-y:auto;'
             f'overflow-wrap:anywhere">{lines}{more}</div>'
         )
