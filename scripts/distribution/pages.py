@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from distribution.notebooks import execute
@@ -36,7 +37,7 @@ _BOOSTS = {
 }
 """How much a page counts in a search, by the start of its name: what to do comes before lists and the past."""
 _DRAWS = "savefig("
-"""In an example whose picture its page shows; those that need a bag have none to read here."""
+"""In an example whose picture its page shows."""
 
 
 def collect(folder: Path, programs: Path) -> None:
@@ -102,7 +103,11 @@ def _place(target: Path) -> str | None:
 def _write_examples(folder: Path, programs: Path) -> None:
     folder.mkdir()
     files = sorted(file for file in (ROOT / "examples").glob("*.*") if file.suffix in _SHOWN)
-    execute([file for file in files if file.suffix == ".ipynb"], programs, folder)
+    # Each is a process of its own.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        executed = pool.submit(execute, [file for file in files if file.suffix == ".ipynb"], programs, folder)
+        drawn = {file: pool.submit(_picture, file, folder) for file in files if _draws(file)}
+    executed.result()
     rows = []
     for file in files:
         if file.suffix == ".ipynb":
@@ -110,9 +115,8 @@ def _write_examples(folder: Path, programs: Path) -> None:
             pictures = sorted(folder.glob(f"{file.stem}_files/*.png"))
             picture, shown = (f"{file.stem}_files/{pictures[0].name}" if pictures else None), ""
         else:
-            text = file.read_text("utf-8")
-            about, body = _script(text)
-            picture = _picture(file, folder) if _DRAWS in text and "sys.argv" not in text else None
+            about, body = _script(file.read_text("utf-8"))
+            picture = drawn[file].result() if file in drawn else None
             shown = f"\n![What it draws]({picture})\n" if picture else ""
         (folder / f"{file.stem}.md").write_text(f"# {file.name}\n\n{about}\n{shown}\n{body}", "utf-8")
         small = f"![{file.stem}]({picture}){{ width=240 }}" if picture else ""
@@ -120,6 +124,12 @@ def _write_examples(folder: Path, programs: Path) -> None:
         rows.append(f"| [{file.name}]({file.stem}.md) | {sentence} | {small} |\n")
     head = "# Examples\n\n| example | what it shows | |\n| --- | --- | --- |\n"
     (folder / "index.md").write_text(head + "".join(rows), "utf-8")
+
+
+def _draws(file: Path) -> bool:
+    """Whether an example is a script that leaves a picture without being given a bag."""
+    text = file.read_text("utf-8")
+    return file.suffix == ".py" and _DRAWS in text and "sys.argv" not in text
 
 
 def _script(text: str) -> tuple[str, str]:
