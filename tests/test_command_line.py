@@ -86,6 +86,7 @@ BAD_USAGE = [
     (["run", "--clock", "sundial"], "invalid choice: 'sundial'"),
     (["run", "--set", "controller.law.kk=1"], "controller: unknown parameter law.kk; did you mean law.k?"),
     (["run", "--set", "controller.law.k1=-1"], "controller: law.k1: -1 must be >= 0"),
+    (["demo", "elsewhere"], "unrecognized arguments: elsewhere; see ./pidtsm demo --help"),
     (["run", "--set", "law.k1=1"], "must be NODE.PARAMETER=VALUE"),
     (["run", "--set", "controller.law.k1=[1"], "is not a valid value"),
     (["run", "--params", "nowhere.yaml"], "nowhere.yaml: No such file or directory"),

@@ -150,7 +150,7 @@ def _execute(words: Sequence[str], command: str | None) -> int:
         if command == "test":
             options.arguments = [*others, *options.arguments]  # such as pytest's -k
         elif others:
-            parser.error(f"unrecognized arguments: {' '.join(others)}")
+            raise UsageError(f"unrecognized arguments: {' '.join(others)}; see {parser.prog} {command} --help")
         return int(options.execute(options))
     except ModuleNotFoundError as error:
         if error.name is None or not error.name.partition(".")[0].endswith(_OF_ROS):

@@ -12,7 +12,7 @@ import numpy as np
 from pidtsm_core.errors import UsageError
 from pidtsm_core.robots import Description
 from pidtsm_studies.commissioning import compare, excite, friction, gains, gravity, lateness, rest
-from pidtsm_studies.commissioning.arm import Wiring
+from pidtsm_studies.commissioning.arm import CommissionError, Wiring
 from pidtsm_studies.commissioning.bench import Bench, Follower, Outcome, Plan
 from pidtsm_studies.commissioning.catch import FARTHEST
 from pidtsm_studies.commissioning.loop import Samples
@@ -24,6 +24,8 @@ STATE, SAMPLES = "session.json", "samples"
 """Names in the folder of a session."""
 _FORMAT = 2
 _FIRST = "signs"
+_STUCK = 0.15
+"""Share of its torque limit that a joint takes to break away when friction may be why a later step fails."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,10 @@ class Session:
                 bench = self.bench(source.follower(NAMES.index(name), self._wiring()), tell)
                 if not ask(name, STEPS[name].plan(bench)):
                     raise RefusedError
-                outcome = STEPS[name].run(bench)
+                try:
+                    outcome = STEPS[name].run(bench)
+                except CommissionError as reason:
+                    raise CommissionError(f"{reason}{self._stuck(bench)}") from None
             keep(outcome.samples)
             self._add(name, outcome)
             tell(outcome.verdict)
@@ -205,6 +210,17 @@ class Session:
         cure = "; correct this in the driver or in the description. This session goes on with it corrected"
         verdict = f"{'; '.join(inverted)}{cure}" if inverted else "all signs are as described"
         return Outcome(verdict, figures, [*inverted, *signs.problems], samples=samples)
+
+    def _stuck(self, bench: Bench) -> str:
+        """What to do about joints that took much torque to break away, as the end of a text; empty: there are none."""
+        model, needed = bench.model(), self.found[_FIRST]["figures"]["breakaway"]
+        stuck = [
+            f"{joint} took {100.0 * each / limit:.0f} % of its torque limit to break away"
+            for joint, each, limit in zip(model.joints, needed, model.effort, strict=True)
+            if each is not None and each > _STUCK * limit
+        ]
+        cure = "no gains make such a joint follow. See to its brake and its gear, and begin again with --from signs"
+        return f". {', '.join(stuck)}: {cure}" if stuck else ""
 
     def _wiring(self) -> Wiring:
         figures = self.found[_FIRST]["figures"]

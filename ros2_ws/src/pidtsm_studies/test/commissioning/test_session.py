@@ -9,6 +9,7 @@ import pytest
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_studies.commissioning.arm import CommissionError
 from pidtsm_studies.commissioning.bench import Plan
 from pidtsm_studies.commissioning.session import NAMES, RefusedError, Session, Subject
 from pidtsm_studies.commissioning.simulated import SimulatedArm
@@ -51,6 +52,15 @@ def test_an_interrupted_session_goes_on_with_the_same_result(tmp_path: Path) -> 
     again.repeat_from("friction")
     assert "friction" in again.missing
     assert again.previous["friction"] == whole.found["friction"]
+
+
+def test_a_joint_that_sticks_too_much_is_named_with_the_cure(tmp_path: Path) -> None:
+    sticky = {"friction.static": [0.5, 18.0, 0.5, 0.5], "friction.bristle_stiffness": 2e4}
+    arm = replace(SIMULATED, settings={**SIMULATED.settings, **sticky, "friction.stribeck_velocity": 0.02})
+    session = Session.opened(tmp_path, SUBJECT)
+    with pytest.raises(CommissionError, match=r"joint2 took 4\d % of its torque limit .* again with --from signs"):
+        session.run(arm, lambda *_: True, lambda _: None, lambda _: None)
+    assert session.missing[0] == "friction"
 
 
 @pytest.mark.parametrize(
