@@ -93,6 +93,6 @@ def test_thresholds_are_parameters(testbed: Testbed) -> None:
     testbed.start("trajectory")
     status = watcher.until("simulator", lambda s: "missed deadlines" in s.message, "warns")
     assert status.level >= DiagnosticStatus.WARN
-    assert "missed deadlines 1 of the periods >= 0.5" in status.message
+    assert "missed deadlines 1 of the periods >= 0.5: lower the rate of the joint states" in status.message
     status = watcher.until("controller", lambda s: "state age" in s.message, "reports an error")
     assert status.level == DiagnosticStatus.ERROR

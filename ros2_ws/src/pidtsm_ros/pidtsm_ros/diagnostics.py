@@ -14,6 +14,8 @@ from pidtsm_ros.managed_node import ManagedNode
 from pidtsm_ros.stamps import set_stamp
 
 _PERIOD = 1.0  # s
+_CURES = {"missed": "lower the rate of the joint states, or free processors"}
+"""What to do about a value beyond a threshold, by its name, where that is the same for every loop."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,9 @@ def judge(readings: list[Reading], values: Mapping[str, Value], scale: float = 1
             )
             if reading.value > 0.0 and reading.value >= bound:
                 level = max(level, worse)
-                causes.append(f"{reading.name} {reading.value:.3g}{reading.unit and ' ' + reading.unit} >= {bound:g}")
+                cure = _CURES.get(reading.threshold, "")
+                measured = f"{reading.value:.3g}{reading.unit and ' ' + reading.unit}"
+                causes.append(f"{reading.name} {measured} >= {bound:g}{cure and ': ' + cure}")
                 break
     return level, "; ".join(causes) or "running"
 
