@@ -1,11 +1,13 @@
 """The article's evaluation over real nodes: every law agrees with its rollout, and an interrupted call is taken up."""
 
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
-from pidtsm_experiments.runs.reproduction import Planned, plan
+from pidtsm_experiments.runs.reproduction import PRELOADED, Planned, make_runs, plan
 from pidtsm_experiments.runs.runner import run
 
 DEADLINE = 300.0
@@ -119,6 +121,34 @@ def test_an_interrupted_reproduction_is_taken_up(tmp_path: Path) -> None:
     assert (folder / "report.html").stat().st_size > 100_000
     names = {f"figure{number:02}.{kind}" for number in range(3, 13) for kind in ("png", "svg")}
     assert names <= {file.name for file in (folder / "figures").iterdir()}
+
+
+def test_an_interrupt_while_the_process_of_a_run_is_deleted_is_not_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An exception is ignored there, so it would be lost if it was raised at once."""
+    monkeypatch.setattr("pidtsm_experiments.runs.reproduction.PRELOADED", [*PRELOADED, "support.forked_runs"])
+    deleted: list[int] = []
+
+    def interrupt(process: int) -> None:
+        deleted.append(process)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def progress(_key: str, _time: float) -> None:
+        for process in multiprocessing.active_children():
+            if process.pid not in watched:
+                watched.add(process.pid)
+                weakref.finalize(process, interrupt, process.pid).atexit = False
+
+    watched: set[int | None] = set()
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            make_runs(plan(0.2, laws=["piddtsm", "dtsm"]), tmp_path, 1, False, progress)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert deleted
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize("law", ["pid", "sliding_mode"])

@@ -118,24 +118,25 @@ def make_runs(
     failed: dict[str, str] = {}
     try:
         while waiting or running:
-            while waiting and len(running) < workers:
-                chosen = waiting.pop(0)
-                clock, errors = context.Value("d", 0.0), context.SimpleQueue()
-                process = context.Process(
-                    target=_make_run, args=(chosen.experiment, folder / chosen.key, clock, errors), name=chosen.key
-                )
-                # A process that is not in the list would outlive an interrupt, without its clock.
-                with uninterrupted():
+            # A process that is not in the list would outlive an interrupt, without its clock; and an interrupt while
+            # one is deleted would be lost, as any exception there is.
+            with uninterrupted():
+                while waiting and len(running) < workers:
+                    chosen = waiting.pop(0)
+                    clock, errors = context.Value("d", 0.0), context.SimpleQueue()
+                    process = context.Process(
+                        target=_make_run, args=(chosen.experiment, folder / chosen.key, clock, errors), name=chosen.key
+                    )
                     process.start()
                     running[chosen.key] = process, clock, errors
+                for key, (process, clock, errors) in list(running.items()):
+                    progress(key, clock.value)
+                    if process.exitcode is None:
+                        continue
+                    if process.exitcode != 0:
+                        failed[key] = "the process died" if errors.empty() else str(errors.get())
+                    del running[key], process, clock, errors
             time.sleep(_POLL)
-            for key, (process, clock, errors) in list(running.items()):
-                progress(key, clock.value)
-                if process.exitcode is None:
-                    continue
-                if process.exitcode != 0:
-                    failed[key] = "the process died" if errors.empty() else str(errors.get())
-                del running[key]
     finally:
         with uninterrupted():
             for process, _, _ in running.values():
