@@ -136,11 +136,11 @@ def test_an_interrupt_while_the_process_of_a_run_is_deleted_is_not_lost(
 
     def progress(_key: str, _time: float) -> None:
         for process in multiprocessing.active_children():
-            if process.pid not in watched:
+            if process.pid is not None and process.pid not in watched:
                 watched.add(process.pid)
                 weakref.finalize(process, interrupt, process.pid).atexit = False
 
-    watched: set[int | None] = set()
+    watched: set[int] = set()
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with pytest.raises(KeyboardInterrupt):
