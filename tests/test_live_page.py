@@ -71,8 +71,13 @@ def test_a_gain_changed_on_the_page_is_the_nodes_a_bad_one_is_refused_and_it_is_
     live.enter("k1", "-1")
     live.until(lambda: "law.k1: -1 must be >= 0" in live.notification().replace("law.k1 (", "law.k1: ("), "the reason")
     assert parameter(live.system, "law.k1") == (3.5, 2.5)
+    live.until(lambda: "law.k1" in live.text("#changes"), "the change is listed")
+    height = "document.querySelector('#changes').offsetHeight"
+    listed = live.page.evaluate(height)
     live.press("Undo")
     live.until(lambda: parameter(live.system, "law.k1") == before, "the gain of before")
+    live.until(lambda: not live.text("#changes"), "the list is empty")
+    assert live.page.evaluate(height) == listed > 0, "what is below the list has moved"
 
 
 def test_a_slider_sets_the_stiffness_and_a_box_shows_the_gizmo(live: LivePage) -> None:

@@ -109,7 +109,7 @@ class LivePage:
         page.wait("document.querySelector('[role=tab]') !== null")
 
     def until(self, condition: Callable[[], Any], what: str) -> Any:
-        """Likewise; a failure tells what the page showed."""
+        """Wait for a condition, and return what it returned; a failure tells what the page showed."""
         return until(condition, lambda: f"{what}; the page: {self.text('#status')}; {self.text('#events')}")
 
     def _mark(self, script: str) -> None:

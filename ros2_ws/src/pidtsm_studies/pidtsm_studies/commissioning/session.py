@@ -219,8 +219,8 @@ class Session:
             for joint, each, limit in zip(model.joints, needed, model.effort, strict=True)
             if each is not None and each > _STUCK * limit
         ]
-        cure = "no gains make such a joint follow. See to its brake and its gear, and begin again with --from signs"
-        return f". {', '.join(stuck)}: {cure}" if stuck else ""
+        cure = "which may be why: see to its brake and its gear, and begin again with --from signs"
+        return f". {', '.join(stuck)}, {cure}" if stuck else ""
 
     def _wiring(self) -> Wiring:
         figures = self.found[_FIRST]["figures"]
