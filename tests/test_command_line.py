@@ -79,7 +79,8 @@ def nodes_of(runner: "subprocess.Popen[str]", folder: Path, names: tuple[str, ..
 
 BAD_USAGE = [
     ([], "usage"),
-    (["fly"], "invalid choice: 'fly'"),
+    (["fly"], "there is no command fly (./pidtsm --help lists all)"),
+    (["rolout"], "there is no command rolout; did you mean rollout? (./pidtsm --help lists all)"),
     (["run", "--law", "pidtsm"], "unknown law pidtsm; known: computed_torque, disturbance_observer, dtsm"),
     (["run", "--scenario", "case9"], "no scenario case9: neither a file nor one of case1, case2"),
     (["run", "--duration", "-1"], "'-1' is not a positive number of seconds"),

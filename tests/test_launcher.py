@@ -228,6 +228,20 @@ def test_a_path_that_cannot_be_set_up_is_refused_at_once(tmp_path: Path, name: s
     assert checkout.files() == before
 
 
+def test_a_word_that_is_no_command_is_refused_before_the_set_up(checkout: Checkout) -> None:
+    commands = checkout.root / "ros2_ws" / "src" / "pidtsm_experiments" / "pidtsm_experiments" / "commands"
+    shutil.copytree(ROOT / commands.relative_to(checkout.root), commands)
+    before = checkout.files()
+    code, out, err = checkout.call("rolout")
+    assert (code, out) == (2, "")
+    assert err.startswith("pidtsm: there is no command rolout; did you mean rollout?")
+    assert len(err.splitlines()) == 1
+    assert checkout.files() == before
+    for known in ("compare-engines", "release", "shell", "--help"):  # It went for the set-up.
+        code, _, err = checkout.call(known)
+        assert (code, "cannot compile" in err) == (1, True), err
+
+
 def test_a_newer_python_is_found_behind_an_old_one(checkout: Checkout) -> None:
     _old_python(checkout)
     (checkout.bin / "python3.12").symlink_to(REAL_PYTHON)

@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
 from typing import NoReturn
 
@@ -143,6 +144,11 @@ def _execute(words: Sequence[str], command: str | None) -> int:
         UsageError, RunError: see `main`.
     """
     try:
+        known = [*_COMMANDS, *_OF_THE_LAUNCHER]
+        if command and words[0] == command and command not in known:
+            likely = get_close_matches(command, known, n=1)
+            meant = f"; did you mean {likely[0]}?" if likely else ""
+            raise UsageError(f"there is no command {command}{meant} ({_IN_CHECKOUT} --help lists all)")
         parser = _parser(command)
         if command in _OF_THE_LAUNCHER:
             parser.error(f"{command} needs the source checkout")
