@@ -30,7 +30,7 @@ kind of arm, in `run`, `rollout`, `score`, `tune` and `live`:
 ./pidtsm rollout --robot panda --params practical --hardware collaborative --set simulator.friction.static=0.0
 ```
 
-`--set` overrides single parameters. The controller's model of the arm stays rigid.
+`--set` overrides single parameters.
 
 ## Gains
 
@@ -39,8 +39,11 @@ Unless `--params` names another set, the gains are those of the [rule](tuning.md
 
 * The observer of each joint is as fast as the loop allows, by the eigenvalues of the sampled linear loop with elastic
   joints, lag and delay (`pidtsm_core/experiment/loop_margin.py`): it must stay stable with half as much gain again, and
-  with one more sample of delay. A motor that an encoder measures moves its rotor alone at high frequencies, up to 50
-  times easier than the controller believes.
+  with one more sample of delay.
+* **Where joints are elastic, the observer knows the springs** (`estimator.name: elastic_joint_observer`), of all laws
+  that reject disturbances. Stiffness and rotors may be 20 and 15 % wrong. Without, links err by two to six times as
+  much ([why](decisions/2026-11-27-the-observer-knows-the-springs.md)). Set `estimator.stiffness` of a real arm from the
+  data sheets of its gears. `adaptation.*` needs the other observer, which the set `adaptive` has.
 * Steps of the encoder and delay bound it as for [any arm](own-robot.md).
 * The Coulomb friction of half-warm gears is compensated (`compensation.coulomb`). Load, asymmetry, sticking and
   temperature are unknown to the controller. Law `pid` compensates nothing.

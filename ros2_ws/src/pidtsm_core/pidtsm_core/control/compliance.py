@@ -27,14 +27,13 @@ from pidtsm_core.laws.symmetric import diagonalise
 from pidtsm_core.laws.tool_spring import (
     POSE,
     Spring,
-    divide,
-    divide_transposed,
     force_of,
     multiply_transposed,
     spring_of,
     write_factor,
     write_spring,
 )
+from pidtsm_core.robots.inertia import divide, divide_transposed
 from pidtsm_core.signals import Mode, Status
 
 _FADES_IN = 0.5

@@ -10,7 +10,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.control.compliance_parameters import SPACE, ComplianceConfig, make_compliance
 from pidtsm_core.control.parameters import ADAPTATION, LEARNT_LATENESS, REJECTION, ROUGHNESS
-from pidtsm_core.estimators import ESTIMATORS, estimator_address
+from pidtsm_core.estimators import ESTIMATORS, Estimator, estimator_address
 from pidtsm_core.laws import LAWS, LawConfig, make_law
 from pidtsm_core.parameters import ParameterError, Value, as_float, joint_array
 from pidtsm_core.robots import GRAVITY, NO_TOOL, Model, Robot, Tool, make_model, payload_of
@@ -126,7 +126,7 @@ class EstimatorConfig(NamedTuple):
     """The estimator with its parameters."""
 
     address: int  # see `estimate`
-    parameters: Array  # as `Estimator.pack` returns them, shape (joints, SLOTS)
+    parameters: Array  # as `Estimator.make_parameters` returns them
 
 
 class ControllerConfig(NamedTuple):
@@ -186,7 +186,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
     plausible = joint_array(values["plausibility.velocity"], joints)
     return ControllerConfig(
         law=make_law(law, values, joints, _tool(robot, values) if law.needs_tree else NO_TOOL),
-        estimator=EstimatorConfig(estimator_address(estimator), estimator.pack(values, "estimator", joints)),
+        estimator=_estimator(estimator, values, robot),
         limits=limits,
         watchdog=_group(WatchdogConfig, values, joints),
         stop=_stop(values, joints),
@@ -224,6 +224,16 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
 def loaded_model(values: Mapping[str, Value], robot: Robot) -> Model:
     """The model of the arm with the payload that the controller knows; arguments as those of `make_config`."""
     return make_model(robot, robot.with_payload(robot.pack_model(values), payload_of(values)))
+
+
+def _estimator(estimator: Estimator, values: Mapping[str, Value], robot: Robot) -> EstimatorConfig:
+    rotor = inertia = np.zeros(len(robot.joints))
+    if estimator.prepare is not None:
+        model = robot.pack_model(values)
+        loaded = robot.with_payload(model, payload_of(values))
+        rotor = robot.rotors(model)
+        inertia = np.diag(robot.inertia_matrix(loaded, np.array(robot.initial_position, np.float64)))
+    return EstimatorConfig(estimator_address(estimator), estimator.make_parameters(values, rotor, inertia))
 
 
 def _tool(robot: Robot, values: Mapping[str, Value]) -> Tool:

@@ -33,6 +33,7 @@ from pidtsm_core.control.state import (
 )
 from pidtsm_core.control.step import leave_now, respond, stop_after, stop_now, tick_now
 from pidtsm_core.control.turns import distance
+from pidtsm_core.estimators import ESTIMATORS
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value, names
 from pidtsm_core.robots import find_robot
@@ -72,9 +73,12 @@ class Controller:
         self.joints = len(self._names)
         self.effort = np.zeros(self.joints) if effort is None else effort
         self.signals = np.zeros((len(Signal), self.joints)) if signals is None else signals
-        memory = LAWS[str(values["law.name"])].memory
+        memory, rows = LAWS[str(values["law.name"])].memory, ESTIMATORS[str(values["estimator.name"])].rows
         self.state = new_state(
-            self.joints, values["feedback.effort"] == "measured", memory(self.joints) if memory else 0
+            self.joints,
+            values["feedback.effort"] == "measured",
+            memory(self.joints) if memory else 0,
+            rows(self.joints) if rows else 0,
         )
         self._configure(values)
         self._memory = LAYOUT.store(self.memory)

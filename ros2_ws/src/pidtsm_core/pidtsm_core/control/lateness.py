@@ -221,7 +221,7 @@ def begin_lateness(state: ControllerState) -> None:
     state.under_way[newest, UnderWay.EFFORT] = state.sent
     state.under_way[newest, UnderWay.ADDED] = state.added
     state.under_way[newest, UnderWay.ACCELERATION] = (
-        state.signals[Signal.ACCELERATION] - state.estimator[:, DISTURBANCE]
+        state.signals[Signal.ACCELERATION] - state.estimator[: state.sent.size, DISTURBANCE]
     )
     state.predicted[:] = state.signals[: Signal.POSITION_ERROR]
     state.ahead[:] = state.desired

@@ -346,15 +346,16 @@ def _check_range(settings: Mapping[str, object], robot: Robot) -> None:
 
 def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> None:
     """Check that the estimator finds the disturbance that other parameters use."""
+    finds = [e.name for e in ESTIMATORS.members if e.finds_disturbance]
+    teaches = [e.name for e in ESTIMATORS.members if e.teaches]
     uses = {
-        REJECTION: settings.get(REJECTION.name) is True,
-        **{p: settings.get(p.name, "none") != "none" for p in ADAPTATION},
-        **{p: np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0) for p in (_DELAY, _LAG)},
+        REJECTION: (settings.get(REJECTION.name) is True, finds),
+        **{p: (settings.get(p.name, "none") != "none", teaches) for p in ADAPTATION},
+        **{p: (np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0), finds) for p in (_DELAY, _LAG)},
     }
-    for parameter, used in uses.items():
-        if used and not estimator.finds_disturbance:
-            capable = ", ".join(e.name for e in ESTIMATORS.members if e.finds_disturbance)
-            reason = f"{parameter.name}: estimator.name must be {capable}, not {estimator.name}"
+    for parameter, (used, capable) in uses.items():
+        if used and estimator.name not in capable:
+            reason = f"{parameter.name}: estimator.name must be {' or '.join(capable)}, not {estimator.name}"
             raise ParameterError(reason, parameter.name)
 
 

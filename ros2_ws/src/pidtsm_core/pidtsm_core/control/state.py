@@ -194,7 +194,7 @@ class ControllerState(NamedTuple):
     hold_pace: Array  # shape (1,), s in which an effort fades at the begin of a stop, see safe.py
     hold_energy: Array  # shape (1,), J, the least kinetic energy since the controller has only damped the arm
     hold_bandwidth: Array  # shape (1,), rad/s, that of the configuration or as much as the rate of the samples allows
-    estimator: Array  # shape (joints, SLOTS)
+    estimator: Array  # shape (joints, SLOTS), and the rows of `Estimator.rows`
     law: Array  # shape (joints, STATE_SLOTS)
     law_memory: Array  # of a law of the whole arm, shape (`Law.memory`,)
     demand: Array  # what such a law demanded last, see `Demand`, shape (len(Demand), joints)
@@ -301,13 +301,14 @@ def _approach(joints: int) -> dict[str, Any]:
     }
 
 
-def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerState:
+def new_state(joints: int, feeds_back: bool, law_memory: int = 0, estimator_rows: int = 0) -> ControllerState:
     """The state of a controller that has not begun.
 
     Args:
         joints: number of joints.
         feeds_back: as in its configuration.
         law_memory: how many numbers its law keeps, see `Law.memory`.
+        estimator_rows: rows of its estimator's state behind those of the joints, see `Estimator.rows`.
     """
     measured, given, motion = np.zeros((2, joints)), np.zeros((4, joints)), np.zeros((3, joints))
     return ControllerState(
@@ -325,7 +326,7 @@ def new_state(joints: int, feeds_back: bool, law_memory: int = 0) -> ControllerS
         base=np.zeros((3, joints)),
         desired=np.zeros((3, joints)),
         **_numbers("hold_pace", "hold_energy", "hold_bandwidth"),
-        estimator=np.zeros((joints, SLOTS)),
+        estimator=np.zeros((joints + estimator_rows, SLOTS)),
         law=np.zeros((joints, STATE_SLOTS)),
         law_memory=np.zeros(law_memory),
         demand=np.zeros((len(Demand), joints)),

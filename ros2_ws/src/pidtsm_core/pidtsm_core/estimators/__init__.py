@@ -2,6 +2,7 @@
 
 from pidtsm_core.estimators.base import DISTURBANCE, Estimator, Sample
 from pidtsm_core.estimators.calls import estimate, estimator_address
+from pidtsm_core.estimators.elastic_joints import ELASTIC_JOINT_OBSERVER
 from pidtsm_core.estimators.exact import EXACT
 from pidtsm_core.estimators.extended_state import EXTENDED_STATE_OBSERVER
 from pidtsm_core.estimators.filtered_difference import FILTERED_DIFFERENCE

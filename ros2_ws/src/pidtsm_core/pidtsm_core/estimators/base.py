@@ -1,10 +1,11 @@
 """Interface of a state estimator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.parameters import Value
 from pidtsm_core.parameters.family import Member
 from pidtsm_core.robots import Model
 
@@ -29,12 +30,25 @@ class Estimator(Member):
 
     Attributes:
         estimate: compiled ``(sample, p, x, estimates)``: see `Sample`; p and x have shape (joints, SLOTS), x starts at
-            zero; writes q, q', q'' to estimates, shape (3, joints).
+            zero; writes q, q', q'' to estimates, shape (3, joints). `prepare` and `rows` change these shapes.
         needs_truth: whether it needs the true derivatives, which are known only in a rollout.
         finds_disturbance: whether it writes the disturbance of each joint, the acceleration that represents what the
             model lacks (rad/s^2), to the column `DISTURBANCE` of x.
+        teaches: whether ``adaptation.*`` can learn from this disturbance: its poles are those of `extended_state`.
+        prepare: makes p, shape (joints, any), of the packed parameters, shape (joints, SLOTS), of the inertias of the
+            rotors, and of the diagonal of the inertia matrix in the middle of the range, shape (joints,) each, kg m^2;
+            None: p are the packed parameters.
+        rows: how many rows x has behind those of the joints, for this number of joints; None: none.
     """
 
     estimate: Callable[[Sample, Array, Array, Array], None]
     needs_truth: bool = False
     finds_disturbance: bool = False
+    teaches: bool = False
+    prepare: Callable[[Array, Array, Array], Array] | None = None
+    rows: Callable[[int], int] | None = None
+
+    def make_parameters(self, values: Mapping[str, Value], rotor: Array, inertia: Array) -> Array:
+        """What `estimate` reads as p, of all values of ``estimator.*`` and of inertias as `prepare` takes them."""
+        packed = self.pack(values, "estimator", rotor.size)
+        return packed if self.prepare is None else self.prepare(packed, rotor, inertia)

@@ -107,4 +107,5 @@ EXTENDED_STATE_OBSERVER = Estimator(
     ),
     estimate=estimate,
     finds_disturbance=True,
+    teaches=True,
 )

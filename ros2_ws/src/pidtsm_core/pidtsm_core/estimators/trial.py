@@ -36,8 +36,11 @@ def try_member(estimator: Estimator) -> None:
     robot = ROBOTS.own[0]
     joints = len(robot.joints)
     packed = robot.pack_model({f"robot.{each.name}": each.default for each in robot.parameters})
-    p = estimator.pack({f"estimator.{each.name}": each.default for each in estimator.parameters}, "estimator", joints)
-    q, x, estimates = np.array([0.3, -0.2]), np.zeros((joints, SLOTS)), np.zeros((3, joints))
+    values = {f"estimator.{each.name}": each.default for each in estimator.parameters}
+    inertia = np.diag(robot.inertia_matrix(packed, np.array(robot.initial_position, np.float64)))
+    p = estimator.make_parameters(values, robot.rotors(packed), inertia)
+    rows = estimator.rows(joints) if estimator.rows else 0
+    q, x, estimates = np.array([0.3, -0.2]), np.zeros((joints + rows, SLOTS)), np.zeros((3, joints))
     effort = np.zeros((1, joints))
     robot.dynamics.inverse_dynamics(q, np.zeros(joints), np.zeros((1, joints)), packed, effort)
     first = Sample(q, np.zeros((2, joints)), 0.0, effort[0], make_model(robot, packed), 1.0)

@@ -159,7 +159,7 @@ def _parameter_set(name: str, law: str | None, settings: Settings, hardware: str
         hardware: class of hardware; None: none.
     """
     if name in (PRACTICAL, ADAPTIVE):
-        gains = practical_settings(law, settings, hardware)["controller"]
+        gains = practical_settings(law, settings, hardware, adapts=name == ADAPTIVE)["controller"]
         adapts = ADAPTS_ON_HARDWARE if hardware else ADAPTS
         of_law = LAWS[law or str(LAW_NAME.default)]
         adapts = adapts if name == ADAPTIVE else {}
@@ -307,7 +307,7 @@ def tuned_parameters(name: str, law: str | None, settings: Mapping[str, Mapping[
 
 
 def practical_settings(
-    law: str | None, settings: Mapping[str, Mapping[str, Any]], hardware: str | None = None
+    law: str | None, settings: Mapping[str, Mapping[str, Any]], hardware: str | None = None, adapts: bool = False
 ) -> Settings:
     """Parameters for real sensors and drives: the `first_gains` of the law.
 
@@ -318,6 +318,7 @@ def practical_settings(
         law: name of the law; None: the default law.
         settings: of the experiment without this set; the arm and the rate matter, and with a class the simulator.
         hardware: the class; None: none.
+        adapts: the observer must be one from which the controller can learn.
 
     Raises:
         UsageError: there is no rule for the law, or the arm cannot be used.
@@ -325,7 +326,7 @@ def practical_settings(
     controller = settings["controller"]
     name = law or str(LAW_NAME.default)
     if hardware is not None:
-        gains = hardware_gains(controller, settings["simulator"], name)
+        gains = hardware_gains(controller, settings["simulator"], name, knows_springs=not adapts)
         return {"controller": {gain.name: gain.value for gain in gains}}
     if _robot(settings) == DEFAULT_ROBOT and name == LAW_NAME.default:
         return load_ros_parameters(PRACTICAL_FILE)

@@ -61,7 +61,8 @@ def first_gains(
     values = _checked(settings)
     inertia = np.abs(_inertia(robot, values))
     limits = joint_array(values["limits.effort"], len(robot.joints))
-    bandwidth, bounds = _bandwidths(inertia, limits, steps, delay + _WAITING / rate)
+    resonates = drives is None or not drives.observed
+    bandwidth, bounds = _bandwidths(inertia, limits, steps, delay + _WAITING / rate, resonates)
     if drives is not None:
         kept = bandwidths(drives, _inertias(robot, values), bandwidth)
         bounds = [_BOUNDS[-1] if low < high else its for low, high, its in zip(kept, bandwidth, bounds, strict=True)]
@@ -69,7 +70,7 @@ def first_gains(
     known = Known(bandwidth=bandwidth, steps=steps, inertia=np.diag(inertia))
     return (
         Gain("law.name", law, "the proposed law" if law == LAW_NAME.default else "the chosen law"),
-        Gain("estimator.name", "extended_state_observer", "it differentiates without the noise of differences"),
+        *_observer(drives),
         Gain(
             "estimator.bandwidth",
             rounded(bandwidth),
@@ -84,19 +85,39 @@ def first_gains(
     )
 
 
+def _observer(drives: Drives | None) -> tuple[Gain, ...]:
+    """The observer, and what it knows of the drives."""
+    if drives is None or not drives.observed:
+        return (Gain("estimator.name", "extended_state_observer", "it differentiates without the noise of differences"),)
+    late = Gain("drive.delay", drives.ahead * drives.period, "delay and lag of the drives, and half a period")
+    return (
+        Gain("estimator.name", "elastic_joint_observer", "it knows that the joints are elastic"),
+        Gain("estimator.stiffness", tuple(drives.stiffness.tolist()), "that of the gears"),
+        Gain("estimator.damping", tuple(drives.damping.tolist()), "likewise"),
+        Gain("estimator.rate", 1.0 / drives.period, "joint states per second"),
+        Gain("estimator.at_links", not drives.on_motor, "where the encoders are"),
+        *((late,) if drives.ahead else ()),
+    )
+
+
 def rotors(settings: Mapping[str, object]) -> Array:
     """Inertias of the rotors that the controller knows, as the joints see them, shape (joints,), kg m^2; 0: none."""
     robot = find_robot(settings)
     return robot.rotors(robot.pack_model(_checked(settings)))
 
 
-def _bandwidths(inertia: Array, limits: Array, steps: Array, delay: float) -> tuple[Array, list[str]]:
-    """Bandwidths of the observers, shape (joints,), rad/s, and what limits each of them."""
+def _bandwidths(
+    inertia: Array, limits: Array, steps: Array, delay: float, resonates: bool
+) -> tuple[Array, list[str]]:
+    """Bandwidths of the observers, shape (joints,), rad/s, and what limits each of them.
+
+    If the arm may be elastic without the observer's knowledge, it `resonates`.
+    """
     rough = np.minimum(_ROUGHNESS * limits, _ROUGH)
     with np.errstate(divide="ignore"):
         of_noise = np.sqrt((rough[:, np.newaxis] / inertia).min(axis=0) / (_NOISE * steps))
     of_delay = np.full_like(of_noise, _PHASE / delay)
-    candidates = np.array([of_noise, of_delay, np.full_like(of_noise, _ELASTIC)])
+    candidates = np.array([of_noise, of_delay, np.full_like(of_noise, _ELASTIC if resonates else np.inf)])
     return candidates.min(axis=0), [_BOUNDS[i] for i in candidates.argmin(axis=0)]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import LAW_NAME
 from pidtsm_core.experiment.gains import first_gains, rotors
-from pidtsm_core.experiment.law_gains import Gain
+from pidtsm_core.experiment.law_gains import Gain, rejects
 from pidtsm_core.experiment.loop_margin import Drives
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value, as_float, joint_array
@@ -36,18 +36,22 @@ _LONGEST = 20
 
 
 def hardware_gains(
-    controller: Mapping[str, object], simulator: Mapping[str, object], law: str = str(LAW_NAME.default)
+    controller: Mapping[str, object],
+    simulator: Mapping[str, object],
+    law: str = str(LAW_NAME.default),
+    knows_springs: bool = True,
 ) -> tuple[Gain, ...]:
     """Gains of a law for an arm and for the sensors, drives and gears that its simulator has.
 
     Rate, resolution, delay, lag and elasticity bound the bandwidth, and the Coulomb friction of half-warm gears is
-    compensated. What else the friction does (load, temperature, sticking, the difference of the directions) is unknown
+    compensated. The observer of a law that rejects disturbances knows elastic gears. What else the friction does (load, temperature, sticking, the difference of the directions) is unknown
     to the controller.
 
     Args:
         controller: parameters that differ from their defaults; those of robot and payload matter.
         simulator: likewise.
         law: its name.
+        knows_springs: without, the observer takes elastic joints for rigid ones.
 
     Raises:
         UsageError: see `first_gains`; also (`ParameterError`) a refused parameter of the simulator.
@@ -57,15 +61,21 @@ def hardware_gains(
     schema = {p.name: p for p in simulator_schema(simulator)}
     used = {name: schema[name].check(simulator.get(name, schema[name].default), joints) for name in _USED}
     rate, delay = as_float(used["rate"]), int(as_float(used["delay.samples"]) + as_float(used["delay.command_samples"]))
-    rotor = rotors(controller)
+    rotor, on_motor = rotors(controller), used[ENCODER.name] == MOTOR
+    stiffness = np.where(rotor > 0.0, joint_array(used[STIFFNESS.name], joints), 0.0)
+    lag = float((joint_array(used["actuator.lag"], joints) + _current_lag(used, joints)).max())
+    observed = knows_springs and rejects(law) and bool(stiffness.any())
     drives = Drives(
         period=1.0 / rate,
         delay=min(delay, _LONGEST),
-        lag=float((joint_array(used["actuator.lag"], joints) + _current_lag(used, joints)).max()),
+        lag=lag,
         rotor=rotor,
-        stiffness=np.where(rotor > 0.0, joint_array(used[STIFFNESS.name], joints), 0.0),
+        stiffness=stiffness,
         damping=joint_array(used["elasticity.damping"], joints),
-        on_motor=used[ENCODER.name] == MOTOR,
+        on_motor=on_motor,
+        observed=observed,
+        # With encoders at the links, it stays slower if it predicts.
+        ahead=min(round(delay + rate * lag + 0.5), _LONGEST) if observed and on_motor else 0,
     )
     bits = int(as_float(used["encoder.bits"]))
     gains = first_gains(controller, bits, delay / rate + drives.lag, rate, law, drives)

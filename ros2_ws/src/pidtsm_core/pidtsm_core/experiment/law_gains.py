@@ -72,6 +72,16 @@ def gains_of_law(law: str, known: Known) -> tuple[Gain, ...]:
     return _RULES[law](known)
 
 
+def rejects(law: str) -> bool:
+    """Whether the rule for a law subtracts the disturbance that the observer finds.
+
+    Raises:
+        UsageError: there is no rule for the law.
+    """
+    one = np.ones(1)
+    return _REJECTION in gains_of_law(law, Known(one, one, one))
+
+
 def rounded(values: Array) -> tuple[float, ...]:
     """Values of any shape with two significant digits, which is all that such a rule can promise."""
     return tuple(float(f"{value:.2g}") for value in values)

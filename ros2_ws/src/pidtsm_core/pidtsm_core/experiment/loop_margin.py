@@ -2,23 +2,37 @@
 
 A controller that takes the arm for rigid demands the torque H a. Above the frequency of an elastic joint, a motor with
 an encoder moves as if it had to move only its rotor, so the loop has up to H / rotor times the gain it should have, and
-through the couplings of H even the largest eigenvalue of rotor^-1 H times. All joints are therefore judged together.
+through the couplings of H even the largest eigenvalue of rotor^-1 H times. All joints are therefore judged together. An
+observer that knows the springs is judged with springs and rotors that differ from what it knows, too.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TypeAlias
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
+from pidtsm_core.experiment.linear_observers import LinearObserver, elastic_corrections, elastic_model, rigid_observer
 
 Plant: TypeAlias = tuple[Array, Array, Array]
 """Matrices A, B and C of a sampled system."""
+
+
+class _Margin(NamedTuple):
+    """How the loop may differ from what the controller knows before it is unstable."""
+
+    gain: float = 1.0  # factor of the gain of the loop
+    later: int = 0  # samples by which everything is later
+    stiffness: float = 1.0  # factor of that of the gears
+    rotor: float = 1.0  # factor of the inertia of the rotors
+
+
 GAIN = 1.5
 """Factor by which the gain of the loop may be larger, 3.5 dB, before it is unstable."""
-_LATER = 1
-"""Samples by which everything may be later, likewise."""
+_MARGINS = (_Margin(gain=GAIN), _Margin(later=1))
+_OF_SPRINGS = (_Margin(stiffness=0.8), _Margin(stiffness=1.2), _Margin(rotor=0.85), _Margin(rotor=1.15))
+"""Also of an observer that knows the springs."""
 _POLES = 0.25
 """Poles of the law, relative to those of the observer, as in `law_gains`."""
 _SLOWEST = 0.05
@@ -39,6 +53,8 @@ class Drives:
         stiffness: of the gears, N m/rad; 0: rigid.
         damping: N m s/rad.
         on_motor: the encoders measure the motors.
+        observed: the observer knows the springs.
+        ahead: samples by which the controller predicts.
     """
 
     period: float
@@ -48,6 +64,8 @@ class Drives:
     stiffness: Array
     damping: Array
     on_motor: bool
+    observed: bool = False
+    ahead: int = 0
 
 
 def bandwidths(drives: Drives, inertias: list[Array], fastest: Array) -> Array:
@@ -57,15 +75,11 @@ def bandwidths(drives: Drives, inertias: list[Array], fastest: Array) -> Array:
 
     Args:
         drives: of the arm.
-        inertias: matrices in several postures, with rotors, shape (joints, joints) each, kg m^2.
+        inertias: matrices in several postures, the middle of the range first, with rotors, shape (joints, joints) each,
+            kg m^2.
         fastest: highest bandwidths allowed, shape (joints,), rad/s.
     """
-    plants = [sampled_plant(drives, inertia) for inertia in inertias]
-
-    def keeps(bandwidth: Array) -> bool:
-        return all(
-            _is_stable(drives, plants, inertias, bandwidth, gain, later) for gain, later in ((GAIN, 0), (1.0, _LATER))
-        )
+    keeps = _judge(drives, inertias, (*_MARGINS, *_OF_SPRINGS) if drives.observed else _MARGINS)
 
     def raised(slow: Array, fast: Array) -> Array:
         """The last of the bandwidths between these two that keeps the margins, as far as it is known."""
@@ -84,16 +98,38 @@ def bandwidths(drives: Drives, inertias: list[Array], fastest: Array) -> Array:
 
 def is_stable(drives: Drives, inertias: list[Array], bandwidth: Array) -> bool:
     """Whether the loop with these bandwidths, shape (joints,), rad/s, is stable without margins; see `bandwidths`."""
-    return _is_stable(drives, [sampled_plant(drives, each) for each in inertias], inertias, bandwidth, 1.0, 0)
+    return _judge(drives, inertias, (_Margin(),))(bandwidth)
 
 
-def _is_stable(
-    drives: Drives, plants: list[Plant], inertias: list[Array], bandwidth: Array, gain: float, later: int
-) -> bool:
-    return all(
-        np.abs(np.linalg.eigvals(_closed(drives, plant, inertia, bandwidth, gain, later))).max() < 1.0
-        for plant, inertia in zip(plants, inertias, strict=True)
-    )
+def _judge(drives: Drives, inertias: list[Array], margins: Sequence[_Margin]) -> Callable[[Array], bool]:
+    """A function that tells whether the loop with some bandwidths is stable in all postures with all margins."""
+    plants = [[_differing(drives, inertia, margin) for margin in margins] for inertia in inertias]
+    known = (drives.rotor, drives.stiffness, drives.damping, drives.on_motor)
+    models = [elastic_model(drives.period, inertia, *known) for inertia in inertias] if drives.observed else []
+
+    def observer(place: int, bandwidth: Array) -> LinearObserver:
+        if not drives.observed:
+            return rigid_observer(drives.period, inertias[place], bandwidth)
+        corrects = elastic_corrections(drives.period, np.diag(inertias[0]), *known, bandwidth)
+        return models[place]._replace(corrects=corrects)
+
+    def keeps(bandwidth: Array) -> bool:
+        for place, inertia in enumerate(inertias):
+            its = observer(place, bandwidth)
+            for plant, margin in zip(plants[place], margins, strict=True):
+                closed = _closed(drives, plant, its, inertia, bandwidth, margin)
+                if not np.abs(np.linalg.eigvals(closed)).max() < 1.0:
+                    return False
+        return True
+
+    return keeps
+
+
+def _differing(drives: Drives, inertia: Array, margin: _Margin) -> Plant:
+    """The arm as it is with a margin, while the controller knows `drives` and `inertia`."""
+    rotor = margin.rotor * drives.rotor
+    true = replace(drives, stiffness=margin.stiffness * drives.stiffness, rotor=rotor)
+    return sampled_plant(true, inertia + np.diag(rotor - drives.rotor))
 
 
 def sampled_plant(drives: Drives, inertia: Array) -> Plant:
@@ -131,45 +167,42 @@ def sampled_plant(drives: Drives, inertia: Array) -> Plant:
     return sampled[: a.shape[0], : a.shape[0]], sampled[: a.shape[0], a.shape[0] :], c
 
 
-def _closed(drives: Drives, plant: Plant, inertia: Array, bandwidth: Array, gain: float, later: int) -> Array:
-    """Matrix of the closed loop; its states are those of plant and observer, and the measurements on their way."""
-    a, b, c = plant
-    joints, size, delay = bandwidth.size, a.shape[0], drives.delay + later
-    observer = slice(size, size + 3 * joints)
-    rows = [slice(start, start + joints) for start in range(observer.stop, observer.stop + delay * joints, joints)]
-    closed = np.zeros((observer.stop + delay * joints,) * 2)
-    arrived = np.zeros((joints, closed.shape[0]))
-    arrived[:, rows[-1] if rows else slice(0, size)] = np.eye(joints) if rows else c
-    predicts, corrects, law = _observer(drives.period, bandwidth)
-    closed[observer, observer] = predicts
-    closed[observer] += corrects @ arrived
-    closed[:size] = gain * b @ inertia @ law @ closed[observer]
-    closed[:size, :size] += a
-    for here, (there, what) in zip(rows, _moved(rows, size, c), strict=True):
-        closed[here, there] = what
-    return closed
+def _closed(
+    drives: Drives, plant: Plant, observer: LinearObserver, inertia: Array, bandwidth: Array, margin: _Margin
+) -> Array:
+    """Matrix of the closed loop.
 
-
-def _moved(rows: list[slice], size: int, c: Array) -> Iterator[tuple[slice, Array]]:
-    """Where each of the measurements on their way comes from: the plant, or the place of the one before."""
-    if rows:
-        yield slice(0, size), c
-    for before in rows[:-1]:
-        yield before, np.eye(c.shape[0])
-
-
-def _observer(period: float, bandwidth: Array) -> tuple[Array, Array, Array]:
-    """Of the extended state observer with the law's last acceleration: matrices of its states, of y, and the law's.
-
-    See `pidtsm_core.estimators.extended_state`. The law is linear, with a double pole, and rejects the disturbance.
+    Its states are those of the plant, the measurements on their way, the observer's, and the last commands. The law is
+    linear, with a double pole, and rejects the disturbance.
     """
-    eye, none = np.eye(bandwidth.size), np.zeros((bandwidth.size,) * 2)
-    gone = -np.expm1(-bandwidth * period)
-    pole, rate = 1.0 - gone, _POLES * bandwidth
-    gains = (gone * (1.0 + pole + pole**2), 1.5 * gone**2 * (1.0 + pole) / period, gone**3 / period**2)
-    corrects = np.vstack([np.diag(each) for each in gains])
-    law = -np.hstack([np.diag(rate**2), np.diag(2.0 * rate), eye])
-    half = 0.5 * period**2 * eye
-    predicted = np.block([[eye, period * eye, half], [none, eye, period * eye], [none, none, eye]])
-    predicted += np.vstack([half, period * eye, none]) @ law
-    return predicted - corrects @ predicted[: bandwidth.size], corrects, law
+    (a, b, c), joints, period = plant, bandwidth.size, drives.period
+    begins = np.cumsum([a.shape[0], joints * (drives.delay + margin.later), observer.predicts.shape[0]])
+    moving, waiting, observed = slice(0, begins[0]), slice(begins[0], begins[1]), slice(begins[1], begins[2])
+    every = np.eye(begins[2] + joints * drives.ahead)
+    measured = np.vstack([c @ every[moving], every[waiting]])  # The newest one first.
+    known = every[observed] + observer.corrects @ (measured[-joints:] - observer.measured @ every[observed])
+    commands = every[begins[2] :].reshape(drives.ahead, joints, every.shape[1])  # Likewise.
+    position, velocity = _ahead(observer, known, np.linalg.inv(inertia) @ commands, period)
+    rate = _POLES * bandwidth[:, np.newaxis]
+    effort = inertia @ (-(rate**2) * position - 2.0 * rate * velocity - observer.disturbance @ known)
+    acting = commands[-1] if drives.ahead else effort
+    return np.vstack(
+        [
+            a @ every[moving] + margin.gain * b @ effort,
+            measured[:-joints],
+            observer.predicts @ known + observer.driven @ acting,
+            *([effort, *commands[:-1]] if drives.ahead else []),
+        ]
+    )
+
+
+def _ahead(observer: LinearObserver, known: Array, under_way: Array, period: float) -> tuple[Array, Array]:
+    """Position and velocity when the command acts: see `pidtsm_core.control.lateness`, `under_way` are accelerations."""
+    position, velocity, late = observer.position @ known, observer.velocity @ known, period * len(under_way)
+    lacking = observer.disturbance @ known
+    position = position + late * (velocity + 0.5 * late * lacking)
+    velocity = velocity + late * lacking
+    for back, acceleration in enumerate(under_way):
+        position = position + 0.5 * period**2 * ((back + 1) ** 2 - back**2) * acceleration
+        velocity = velocity + period * acceleration
+    return position, velocity

@@ -24,9 +24,10 @@ from enum import IntEnum
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.laws.base import ArmSample, Demand
-from pidtsm_core.laws.of_arm import arm_law, write_inertia
+from pidtsm_core.laws.of_arm import arm_law
 from pidtsm_core.laws.symmetric import diagonalise
 from pidtsm_core.parameters import Parameter
+from pidtsm_core.robots.inertia import write_inertia
 
 _ITERATIONS = 60
 _CONVERGED = 1e-14

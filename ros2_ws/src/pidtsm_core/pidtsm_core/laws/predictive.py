@@ -17,9 +17,10 @@ limited, the others make up for what it does to them.
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.laws.base import ArmSample, Demand
-from pidtsm_core.laws.of_arm import arm_law, write_inertia
+from pidtsm_core.laws.of_arm import arm_law
 from pidtsm_core.parameters import Parameter
 from pidtsm_core.robots import inverse_dynamics
+from pidtsm_core.robots.inertia import write_inertia
 
 _BLOCKS = 5
 _SWEEPS = 60

@@ -21,9 +21,9 @@ from typing import NamedTuple
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
-from pidtsm_core.laws.of_arm import write_inertia
 from pidtsm_core.laws.symmetric import diagonalise
 from pidtsm_core.robots import Model
+from pidtsm_core.robots.inertia import divide, factorise, write_inertia
 from pidtsm_core.robots.tree.kinematics import forward_kinematics
 from pidtsm_core.robots.tree.layout import SPACE, Column, parent_of, place_of, row_of, size
 
@@ -35,8 +35,6 @@ _IMMOBILE = 1e-3
 null space of a Panda that is nearly stretched stiffens its tool by a tenth."""
 _OPPOSITE = 0.9 * math.pi
 """rad; beyond this angle the torque decreases to 0 at a half turn, where it must change its direction."""
-_LEAST = 1e-9
-"""Least pivot of the inertia matrix, kg m^2."""
 
 
 class Spring(NamedTuple):
@@ -157,37 +155,6 @@ def _write_pose_error(spring: Spring, row: int, point: Array, q_d: Array, q: Arr
 
 
 @inlined
-def _factorise(matrix: Array) -> None:
-    """Replace the lower triangle of a symmetric matrix by L of its Cholesky factorisation L L'."""
-    for i in range(matrix.shape[0]):
-        for j in range(i + 1):
-            value = matrix[i, j]
-            for k in range(j):
-                value -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = math.sqrt(max(value, _LEAST)) if i == j else value / matrix[j, j]
-
-
-@inlined
-def divide(lower: Array, row: Array) -> None:
-    """Replace a row r by r L^-T, which is L^-1 r as a column; shape (joints,)."""
-    for j in range(row.size):
-        value = row[j]
-        for m in range(j):
-            value -= lower[j, m] * row[m]
-        row[j] = value / lower[j, j]
-
-
-@inlined
-def divide_transposed(lower: Array, column: Array) -> None:
-    """Replace a column c by L^-T c; shape (joints,)."""
-    for i in range(column.size - 1, -1, -1):
-        value = column[i]
-        for m in range(i + 1, column.size):
-            value -= lower[m, i] * column[m]
-        column[i] = value / lower[i, i]
-
-
-@inlined
 def multiply(lower: Array, column: Array, result: Array) -> None:
     """Write L times a column, shape (joints,)."""
     for j in range(result.size):
@@ -236,7 +203,7 @@ def force_of(stiffness: float, error: float, limit: float) -> float:
 def write_factor(spring: Spring, model: Model, q: Array) -> None:
     """Write L of the arm's inertia matrix at q, shape (joints,), rad."""
     write_inertia(model, q, spring.units[0], spring.units[1], spring.lower)
-    _factorise(spring.lower)
+    factorise(spring.lower)
 
 
 @inlined

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from pidtsm_core.arrays import Array
-from pidtsm_core.experiment import PRACTICAL, make_experiment
+from pidtsm_core.experiment import PRACTICAL, Experiment, make_experiment
 from pidtsm_core.experiment.gains import first_gains
 from pidtsm_core.experiment.hardware_classes import hardware_names
 from pidtsm_core.experiment.hardware_gains import hardware_gains
 from pidtsm_core.experiment.law_gains import Gain
+from pidtsm_core.parameters import ParameterError, joint_array
 from pidtsm_core.robots.source import ARMS
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Status
@@ -37,11 +38,56 @@ def test_gains_that_are_named_are_used() -> None:
     assert "estimator.bandwidth" not in differentiated.settings["controller"]
 
 
+@pytest.mark.parametrize("hardware", ["geared", "collaborative"])
+def test_an_observer_that_knows_the_springs_lets_links_err_by_half_as_much(hardware: str) -> None:
+    ratios = []
+    for arm in ARMS:
+        knows = make_experiment(None, robot=arm, hardware=hardware)
+        settings = knows.settings
+        without = hardware_gains(settings["controller"], settings["simulator"], knows_springs=False)
+        named = {"controller": {gain.name: gain.value for gain in without} | {"drive.delay": 0.0}}
+        rigid = make_experiment(None, robot=arm, hardware=hardware, overrides=named)
+        errors = [_largest_error(each) for each in (knows, rigid)]
+        ratios.append(errors[0] / errors[1])
+    assert np.median(ratios) < 0.5, ratios
+    assert max(ratios) < 1.25, ratios
+
+
+def _largest_error(experiment: Experiment) -> float:
+    run = rollout(experiment)
+    return float(np.abs(run.error)[run.time >= 4.0].max())
+
+
+@pytest.mark.parametrize(("stiffness", "rotor"), [(0.8, 1.0), (1.2, 1.0), (1.0, 0.85), (1.0, 1.15)])
+def test_what_it_knows_of_them_may_be_wrong(stiffness: float, rotor: float) -> None:
+    knows = make_experiment(None, robot="ur5", hardware="geared").values["controller"]
+    wrong = {"estimator.stiffness": [stiffness * each for each in knows["estimator.stiffness"]]}
+    if rotor != 1.0:
+        wrong["robot.armature"] = [rotor * each for each in joint_array(knows["robot.armature"], 6)]
+    experiment = make_experiment(None, robot="ur5", hardware="geared", overrides={"controller": wrong})
+    assert _largest_error(experiment) < 0.025
+
+
+@pytest.mark.parametrize("law", ["slotine_li", "pid"])
+def test_laws_that_reject_no_disturbance_keep_the_rigid_one(law: str) -> None:
+    values = make_experiment(None, law, robot="ur5", hardware="geared").values["controller"]
+    assert values["estimator.name"] == "extended_state_observer"
+
+
+def test_what_adapts_learns_from_the_observer_that_teaches() -> None:
+    values = make_experiment(None, robot="ur5", hardware="geared", params="adaptive").values["controller"]
+    assert values["estimator.name"] == "extended_state_observer"
+    with pytest.raises(ParameterError, match="estimator.name must be extended_state_observer, not elastic_joint"):
+        make_experiment(
+            None, robot="ur5", hardware="geared", overrides={"controller": {"adaptation.friction": "learn"}}
+        )
+
+
 def test_stiffer_gears_allow_faster_observers_up_to_those_of_a_rigid_arm() -> None:
     arm = {"robot.description": "panda"}
     simulator = make_experiment(None, robot="panda", hardware="geared").settings["simulator"]
     soft, hard, rigid = (
-        (_bandwidth(hardware_gains(arm, {**simulator, "elasticity.stiffness": stiffness})))
+        (_bandwidth(hardware_gains(arm, {**simulator, "elasticity.stiffness": stiffness}, knows_springs=False)))
         for stiffness in (2e3, 2e4, 0.0)
     )
     assert (soft <= hard).all()

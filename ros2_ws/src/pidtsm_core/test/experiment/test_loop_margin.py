@@ -1,6 +1,9 @@
 """The linear loop is that of a rollout: both become unstable at the same bandwidth."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from scipy.optimize import brentq
 
 from pidtsm_core.arrays import Array
@@ -13,17 +16,28 @@ STIFFNESS, DAMPING, LAG, RATE = 5000.0, 2.0, 0.001, 500
 """Of all joints: softer, and less damped, than those of any class."""
 
 
-def drives() -> tuple[Drives, Array]:
+KNOWN = pytest.mark.parametrize(("observed", "ahead"), [(False, 0), (True, 0), (True, 2)])
+
+KNOWS = {
+    "estimator.name": "elastic_joint_observer",
+    "estimator.stiffness": STIFFNESS,
+    "estimator.damping": DAMPING,
+    "estimator.rate": float(RATE),
+}
+
+
+def drives(observed: bool = False, ahead: int = 0) -> tuple[Drives, Array]:
     """Of the arm, and its inertia in the middle of the range."""
     values = make_experiment(None, robot="panda").values["simulator"]
     robot = find_robot(values)
     model = robot.pack_model(values)
     joints = len(robot.joints)
     made = Drives(1.0 / RATE, 1, LAG, robot.rotors(model), np.full(joints, STIFFNESS), np.full(joints, DAMPING), True)
+    made = replace(made, observed=observed, ahead=ahead)
     return made, robot.inertia_matrix(model, np.array(robot.initial_position))
 
 
-def growth(bandwidth: float) -> float:
+def growth(bandwidth: float, observed: bool, ahead: int) -> float:
     """How much a small error of a rollout grows from its first to its second half."""
     experiment = make_experiment(
         None,
@@ -39,7 +53,8 @@ def growth(bandwidth: float) -> float:
                 "friction.viscous": 0.0,
             },
             "controller": {
-                "estimator.name": "extended_state_observer",
+                **(KNOWS if observed else {"estimator.name": "extended_state_observer"}),
+                "drive.delay": ahead / RATE,
                 "estimator.bandwidth": bandwidth,
                 "law.disturbance_rejection": True,
                 "law.kp": (0.25 * bandwidth) ** 2,
@@ -55,14 +70,20 @@ def growth(bandwidth: float) -> float:
     return float(speed[1500:].max() / speed[500:1000].max())
 
 
-def test_the_bandwidth_at_which_it_becomes_unstable_is_that_of_a_rollout() -> None:
-    made, inertia = drives()
+@pytest.mark.parametrize(("observed", "ahead", "near"), [(False, 0, 0.07), (True, 0, 0.07), (True, 2, 0.15)])
+def test_the_bandwidth_at_which_it_becomes_unstable_is_that_of_a_rollout(
+    observed: bool, ahead: int, near: float
+) -> None:
+    made, inertia = drives(observed, ahead)
     critical = brentq(lambda w: 1.0 if is_stable(made, [inertia], np.full(7, w)) else -1.0, 5.0, 500.0, xtol=0.1)
-    assert growth(0.93 * critical) < 1.0 < growth(1.07 * critical)
+    assert growth((1.0 - near) * critical, observed, ahead) < 1.0 < growth((1.0 + near) * critical, observed, ahead)
 
 
-def test_those_of_the_rule_are_below_it_and_as_high_as_allowed_where_nothing_resonates() -> None:
-    made, inertia = drives()
+@KNOWN
+def test_those_of_the_rule_are_below_it_and_as_high_as_allowed_where_nothing_resonates(
+    observed: bool, ahead: int
+) -> None:
+    made, inertia = drives(observed, ahead)
     found = bandwidths(made, [inertia], np.full(7, 60.0))
     assert (found <= 60.0).all()
     assert found[0] < 60.0

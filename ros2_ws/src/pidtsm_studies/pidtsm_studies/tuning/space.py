@@ -111,7 +111,7 @@ def make_space(task: Task, law: str) -> Space:
     nominal = task.experiment(law).settings["controller"]
     own = law if law in RULED else None
     rule = practical_settings(own, task.experiment(None, (), _NO_GAINS).settings, task.hardware)["controller"]
-    estimator = {name: value for name, value in rule.items() if name.startswith(("estimator.", "compensation."))}
+    estimator = {name: value for name, value in rule.items() if name.startswith(("estimator.", "compensation.", "drive."))}
     if own is not None:
         estimator |= {name: value for name, value in rule.items() if name in _CHOICES}
     chosen = {**nominal, **estimator, "law.name": law}
