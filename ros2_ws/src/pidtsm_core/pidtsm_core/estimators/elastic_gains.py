@@ -21,8 +21,8 @@ def kalman_gains(
     """Corrections of p, p', d, twist and its rate for a measured position minus the predicted one, shape (STATES,).
 
     The disturbance is a random walk that would give a rigid joint an observer with its poles near the bandwidth (a
-    Butterworth pattern), the torques on motor and link have white noise, and the measured position has some, too. See R. E. Kalman,
-    J. Basic Eng. 82, 1960.
+    Butterworth pattern); the torques on motor and link have white noise, and so has the measured position. See R. E.
+    Kalman, J. Basic Eng. 82, 1960.
 
     Args:
         rotor: kg m^2, as the joint sees it; 0: the joint is rigid.

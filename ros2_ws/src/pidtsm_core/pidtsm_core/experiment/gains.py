@@ -88,7 +88,9 @@ def first_gains(
 def _observer(drives: Drives | None) -> tuple[Gain, ...]:
     """The observer, and what it knows of the drives."""
     if drives is None or not drives.observed:
-        return (Gain("estimator.name", "extended_state_observer", "it differentiates without the noise of differences"),)
+        return (
+            Gain("estimator.name", "extended_state_observer", "it differentiates without the noise of differences"),
+        )
     late = Gain("drive.delay", drives.ahead * drives.period, "delay and lag of the drives, and half a period")
     return (
         Gain("estimator.name", "elastic_joint_observer", "it knows that the joints are elastic"),
@@ -106,9 +108,7 @@ def rotors(settings: Mapping[str, object]) -> Array:
     return robot.rotors(robot.pack_model(_checked(settings)))
 
 
-def _bandwidths(
-    inertia: Array, limits: Array, steps: Array, delay: float, resonates: bool
-) -> tuple[Array, list[str]]:
+def _bandwidths(inertia: Array, limits: Array, steps: Array, delay: float, resonates: bool) -> tuple[Array, list[str]]:
     """Bandwidths of the observers, shape (joints,), rad/s, and what limits each of them.
 
     If the arm may be elastic without the observer's knowledge, it `resonates`.

@@ -44,8 +44,8 @@ def hardware_gains(
     """Gains of a law for an arm and for the sensors, drives and gears that its simulator has.
 
     Rate, resolution, delay, lag and elasticity bound the bandwidth, and the Coulomb friction of half-warm gears is
-    compensated. The observer of a law that rejects disturbances knows elastic gears. What else the friction does (load, temperature, sticking, the difference of the directions) is unknown
-    to the controller.
+    compensated. The observer of a law that rejects disturbances knows elastic gears. What else the friction does (load,
+    temperature, sticking, the difference of the directions) is unknown to the controller.
 
     Args:
         controller: parameters that differ from their defaults; those of robot and payload matter.

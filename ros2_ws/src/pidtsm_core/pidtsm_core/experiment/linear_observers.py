@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.estimators.elastic_gains import STATES, kalman_gains
@@ -49,8 +48,18 @@ def elastic_model(
 ) -> LinearObserver:
     """The observer of `pidtsm_core.estimators.elastic_joints`, without its corrections.
 
-    Its states are p, p', d, and the twists with their rates; for the other arguments, see `loop_margin.Drives`.
+    Its states are p, p', d, and the twists with their rates.
+
+    Args:
+        period: of the samples, s.
+        inertia: of the arm, shape (joints, joints), kg m^2.
+        rotor: see `loop_margin.Drives`.
+        stiffness: likewise.
+        damping: likewise.
+        on_motor: likewise.
     """
+    from scipy.linalg import expm  # Takes long to import.
+
     joints, elastic = rotor.size, (stiffness > 0.0) & (rotor > 0.0)
     eye, none = np.eye(joints), np.zeros((joints, joints))
     moved = np.where(elastic, rotor, 0.0)
@@ -59,7 +68,7 @@ def elastic_model(
     bends = np.linalg.inv(np.diag(np.where(elastic, rotor, 1.0)) - np.diag(moved) @ share) * np.outer(elastic, elastic)
     mean = np.linalg.inv(inertia)
     a = np.zeros((6 * joints, 6 * joints))
-    p, dp, d, twist, rate, effort = a.reshape(6, joints, 6 * joints)
+    p, dp, _, twist, rate, _ = a.reshape(6, joints, 6 * joints)
     rows = np.split(np.eye(6 * joints), 6)
     p += rows[1]
     dp += rows[2] + mean @ rows[5]
@@ -93,12 +102,18 @@ def elastic_corrections(
     """Corrections of `elastic_model`, shape (states, joints).
 
     Args:
-        period, rotor, stiffness, damping, on_motor: as of `elastic_model`.
+        period: of the samples, s.
         inertia: diagonal of the matrix in the middle of the range, shape (joints,), kg m^2.
+        rotor: see `loop_margin.Drives`.
+        stiffness: likewise.
+        damping: likewise.
+        on_motor: likewise.
         bandwidth: shape (joints,), rad/s.
     """
     each = [
-        kalman_gains(rotor[j] if stiffness[j] > 0.0 else 0.0, inertia[j], stiffness[j], damping[j], not on_motor, w, period)
+        kalman_gains(
+            rotor[j] if stiffness[j] > 0.0 else 0.0, inertia[j], stiffness[j], damping[j], not on_motor, w, period
+        )
         for j, w in enumerate(bandwidth)
     ]
     return np.vstack([np.diag(gains) for gains in np.array(each).T])

@@ -197,7 +197,7 @@ def _closed(
 
 
 def _ahead(observer: LinearObserver, known: Array, under_way: Array, period: float) -> tuple[Array, Array]:
-    """Position and velocity when the command acts: see `pidtsm_core.control.lateness`, `under_way` are accelerations."""
+    """Position and velocity when the command acts, with accelerations that are under way; see `control.lateness`."""
     position, velocity, late = observer.position @ known, observer.velocity @ known, period * len(under_way)
     lacking = observer.disturbance @ known
     position = position + late * (velocity + 0.5 * late * lacking)

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 
-from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.laws.base import ArmAdvance, ArmCommand, ArmKernel, Law
 from pidtsm_core.laws.baseline import LawOfMember

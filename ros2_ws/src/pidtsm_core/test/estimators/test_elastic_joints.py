@@ -1,4 +1,4 @@
-"""The observer of elastic joints against MuJoCo's, in which motors are bodies of their own, and after bad measurements."""
+"""The observer of elastic joints: against MuJoCo, where motors are bodies of their own, and after bad measurements."""
 
 from typing import Any
 

@@ -61,9 +61,9 @@ def _largest_error(experiment: Experiment) -> float:
 @pytest.mark.parametrize(("stiffness", "rotor"), [(0.8, 1.0), (1.2, 1.0), (1.0, 0.85), (1.0, 1.15)])
 def test_what_it_knows_of_them_may_be_wrong(stiffness: float, rotor: float) -> None:
     knows = make_experiment(None, robot="ur5", hardware="geared").values["controller"]
-    wrong = {"estimator.stiffness": [stiffness * each for each in knows["estimator.stiffness"]]}
+    wrong = {"estimator.stiffness": (stiffness * joint_array(knows["estimator.stiffness"], 6)).tolist()}
     if rotor != 1.0:
-        wrong["robot.armature"] = [rotor * each for each in joint_array(knows["robot.armature"], 6)]
+        wrong["robot.armature"] = (rotor * joint_array(knows["robot.armature"], 6)).tolist()
     experiment = make_experiment(None, robot="ur5", hardware="geared", overrides={"controller": wrong})
     assert _largest_error(experiment) < 0.025
 
@@ -77,7 +77,7 @@ def test_laws_that_reject_no_disturbance_keep_the_rigid_one(law: str) -> None:
 def test_what_adapts_learns_from_the_observer_that_teaches() -> None:
     values = make_experiment(None, robot="ur5", hardware="geared", params="adaptive").values["controller"]
     assert values["estimator.name"] == "extended_state_observer"
-    with pytest.raises(ParameterError, match="estimator.name must be extended_state_observer, not elastic_joint"):
+    with pytest.raises(ParameterError, match="must be extended_state_observer, not elastic_joint_observer"):
         make_experiment(
             None, robot="ur5", hardware="geared", overrides={"controller": {"adaptation.friction": "learn"}}
         )

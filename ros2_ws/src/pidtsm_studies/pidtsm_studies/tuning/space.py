@@ -22,6 +22,8 @@ _FACTOR = 100.0
 _SEPARATE = 2
 """Largest number of joints whose gains are tuned separately; more have one factor for each gain."""
 _GROUPS = ("law.", "estimator.")
+_OF_OBSERVER = ("estimator.", "compensation.", "drive.")
+"""What every law has of a rule."""
 _CHOICES = ("law.surface", "law.reaching", "law.manifold", "law.disturbance_rejection")
 """What a rule chooses beside numbers."""
 _NO_GAINS = ("controller.law.name=piddtsm",)
@@ -111,7 +113,7 @@ def make_space(task: Task, law: str) -> Space:
     nominal = task.experiment(law).settings["controller"]
     own = law if law in RULED else None
     rule = practical_settings(own, task.experiment(None, (), _NO_GAINS).settings, task.hardware)["controller"]
-    estimator = {name: value for name, value in rule.items() if name.startswith(("estimator.", "compensation.", "drive."))}
+    estimator = {name: value for name, value in rule.items() if name.startswith(_OF_OBSERVER)}
     if own is not None:
         estimator |= {name: value for name, value in rule.items() if name in _CHOICES}
     chosen = {**nominal, **estimator, "law.name": law}
