@@ -103,7 +103,7 @@ BAD_USAGE = [
     ),
     (
         ["rollout", "--set", "controller.estimator.bandwidth=30"],
-        "bandwidth belongs to estimator.name extended_state_observer",
+        "bandwidth belongs to estimator.name elastic_joint_observer or",
     ),
     (["rollout", "--set", "controller.estimator.velocity_cutoff=0"], "velocity_cutoff (rad/s): 0 must be > 0"),
     (["reproduce", "--scenario", "noise"], "noise is not part of the article's evaluation: case1, case2"),

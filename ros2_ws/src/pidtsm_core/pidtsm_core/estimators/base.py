@@ -49,6 +49,12 @@ class Estimator(Member):
     rows: Callable[[int], int] | None = None
 
     def make_parameters(self, values: Mapping[str, Value], rotor: Array, inertia: Array) -> Array:
-        """What `estimate` reads as p, of all values of ``estimator.*`` and of inertias as `prepare` takes them."""
+        """What `estimate` reads as p.
+
+        Args:
+            values: every parameter of the estimator, with the prefix ``estimator.``.
+            rotor: inertias of the rotors, shape (joints,), kg m^2.
+            inertia: diagonal of the inertia matrix in the middle of the range, shape (joints,), kg m^2.
+        """
         packed = self.pack(values, "estimator", rotor.size)
         return packed if self.prepare is None else self.prepare(packed, rotor, inertia)

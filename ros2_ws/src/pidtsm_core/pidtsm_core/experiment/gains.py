@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,6 +27,8 @@ _ELASTIC = 60.0
 """Largest bandwidth, rad/s: about 10 Hz, where the gears and links of many arms begin to resonate."""
 _POSTURES = 2
 """Beside the middle of the range, in which the margins of a loop are judged."""
+_AS_FAST = 0.9
+"""Share of its bandwidth as one for a rigid arm that an observer which knows the springs must have to be chosen."""
 _WAITING = 1.5
 """Periods that pass between a measurement and the mean effect of its command."""
 
@@ -50,7 +53,8 @@ def first_gains(
         delay: from a position to its joint state, plus from a command to its torque, s.
         rate: joint states per second.
         law: name of the law.
-        drives: with them, the loop also keeps its margins in spite of the elasticity of the joints, see `loop_margin`.
+        drives: with them, the loop also keeps its margins in spite of the elasticity of the joints, see `loop_margin`;
+            if they are `observed`, the observer knows the springs, unless it must be slower then.
 
     Raises:
         UsageError: there is no rule for the law, or (`ParameterError`) the arm cannot be used, see `find_robot`.
@@ -61,12 +65,19 @@ def first_gains(
     values = _checked(settings)
     inertia = np.abs(_inertia(robot, values))
     limits = joint_array(values["limits.effort"], len(robot.joints))
-    resonates = drives is None or not drives.observed
-    bandwidth, bounds = _bandwidths(inertia, limits, steps, delay + _WAITING / rate, resonates)
+    lateness = delay + _WAITING / rate
+    bandwidth, bounds = _bandwidths(inertia, limits, steps, lateness, True)
     if drives is not None:
-        kept = bandwidths(drives, _inertias(robot, values), bandwidth)
-        bounds = [_BOUNDS[-1] if low < high else its for low, high, its in zip(kept, bandwidth, bounds, strict=True)]
-        bandwidth = kept
+        inertias, knows = _inertias(robot, values), drives.observed
+        fastest = _bandwidths(inertia, limits, steps, lateness, False)
+        drives = replace(drives, observed=False)
+        bandwidth, bounds = _kept(drives, inertias, bandwidth, bounds)
+        if knows:
+            aware = replace(drives, observed=True)
+            faster, its = _kept(aware, inertias, *fastest)
+            # Where rotors are heavy and springs soft, feedback from the motors damps better.
+            if (faster >= _AS_FAST * bandwidth).all():
+                drives, bandwidth, bounds = aware, faster, its
     known = Known(bandwidth=bandwidth, steps=steps, inertia=np.diag(inertia))
     return (
         Gain("law.name", law, "the proposed law" if law == LAW_NAME.default else "the chosen law"),
@@ -106,6 +117,12 @@ def rotors(settings: Mapping[str, object]) -> Array:
     """Inertias of the rotors that the controller knows, as the joints see them, shape (joints,), kg m^2; 0: none."""
     robot = find_robot(settings)
     return robot.rotors(robot.pack_model(_checked(settings)))
+
+
+def _kept(drives: Drives, inertias: list[Array], bandwidth: Array, bounds: list[str]) -> tuple[Array, list[str]]:
+    """Bandwidths with which the loop keeps its margins, rad/s, and what limits each; arguments without margins."""
+    kept = bandwidths(drives, inertias, bandwidth)
+    return kept, [_BOUNDS[-1] if low < high else its for low, high, its in zip(kept, bandwidth, bounds, strict=True)]
 
 
 def _bandwidths(inertia: Array, limits: Array, steps: Array, delay: float, resonates: bool) -> tuple[Array, list[str]]:

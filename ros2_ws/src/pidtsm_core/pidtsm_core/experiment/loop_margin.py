@@ -54,7 +54,7 @@ class Drives:
         damping: N m s/rad.
         on_motor: the encoders measure the motors.
         observed: the observer knows the springs.
-        ahead: samples by which the controller predicts.
+        ahead: samples by which the controller predicts if they are.
     """
 
     period: float
@@ -176,22 +176,23 @@ def _closed(
     linear, with a double pole, and rejects the disturbance.
     """
     (a, b, c), joints, period = plant, bandwidth.size, drives.period
+    ahead = drives.ahead if drives.observed else 0
     begins = np.cumsum([a.shape[0], joints * (drives.delay + margin.later), observer.predicts.shape[0]])
     moving, waiting, observed = slice(0, begins[0]), slice(begins[0], begins[1]), slice(begins[1], begins[2])
-    every = np.eye(begins[2] + joints * drives.ahead)
+    every = np.eye(begins[2] + joints * ahead)
     measured = np.vstack([c @ every[moving], every[waiting]])  # The newest one first.
     known = every[observed] + observer.corrects @ (measured[-joints:] - observer.measured @ every[observed])
-    commands = every[begins[2] :].reshape(drives.ahead, joints, every.shape[1])  # Likewise.
+    commands = every[begins[2] :].reshape(ahead, joints, every.shape[1])  # Likewise.
     position, velocity = _ahead(observer, known, np.linalg.inv(inertia) @ commands, period)
     rate = _POLES * bandwidth[:, np.newaxis]
     effort = inertia @ (-(rate**2) * position - 2.0 * rate * velocity - observer.disturbance @ known)
-    acting = commands[-1] if drives.ahead else effort
+    acting = commands[-1] if ahead else effort
     return np.vstack(
         [
             a @ every[moving] + margin.gain * b @ effort,
             measured[:-joints],
             observer.predicts @ known + observer.driven @ acting,
-            *([effort, *commands[:-1]] if drives.ahead else []),
+            *([effort, *commands[:-1]] if ahead else []),
         ]
     )
 

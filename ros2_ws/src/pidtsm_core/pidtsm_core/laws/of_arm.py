@@ -1,4 +1,4 @@
-"""What the laws of the whole arm have in common."""
+"""What the laws of the whole arm have in common; see Slotine and Li, Applied Nonlinear Control, 1991, chapter 9."""
 
 import math
 from collections.abc import Callable

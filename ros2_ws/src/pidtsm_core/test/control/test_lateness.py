@@ -160,6 +160,6 @@ def test_what_is_known_can_change_while_the_arm_moves(simulator: dict[str, Any],
 
 def test_lateness_needs_the_observer_and_a_model() -> None:
     values = make_experiment("case1").values["controller"]
-    with pytest.raises(ParameterError, match=r"drive\.delay: estimator\.name must be extended_state_observer"):
+    with pytest.raises(ParameterError, match=r"drive\.delay: estimator\.name must be elastic_joint_observer or"):
         resolve(controller_schema, {**values, DELAY: 0.01}, 2)
     assert DELAY not in {p.name for p in controller_schema({"law.name": "pid"})}

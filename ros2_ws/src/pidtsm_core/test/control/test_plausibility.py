@@ -16,12 +16,18 @@ ESTIMATOR = pytest.mark.parametrize("estimator", [e.name for e in ESTIMATORS.mem
 RATE = pytest.mark.parametrize("rate", [100, 1000])
 
 
+def of(estimator: str, rate: int) -> dict[str, Any]:
+    """Parameters that choose an estimator, and tell it the rate if it wants to know."""
+    told = {"estimator__rate": float(rate)} if "rate" in {p.name for p in ESTIMATORS[estimator].parameters} else {}
+    return {"estimator__name": estimator, **told}
+
+
 @ESTIMATOR
 @paired("rate,off,samples", [100, 1000] * 3, [0.3, 1.0, -1e3], [1, 1, 1, TOLERATED, TOLERATED, TOLERATED])
 def test_a_few_samples_far_off_move_no_torque(
     loop_of: Any, estimator: str, rate: int, samples: int, off: float
 ) -> None:
-    loop = loop_of(2000, rate=rate, estimator__name=estimator)
+    loop = loop_of(2000, rate=rate, **of(estimator, rate))
     for _ in range(3):
         loop.measure(samples, off)
         loop.go_on(50 * loop.every)
@@ -29,14 +35,14 @@ def test_a_few_samples_far_off_move_no_torque(
     assert loop.largest_step(since=-200) < 0.06
     assert loop.controller.status[Status.MODE] == Mode.FOLLOWING
     assert loop.controller.state.counts[Count.IMPLAUSIBLE] == 3 * samples
-    undisturbed = loop_of(loop.ms, rate=rate, estimator__name=estimator)
+    undisturbed = loop_of(loop.ms, rate=rate, **of(estimator, rate))
     assert np.abs(loop.positions[-1] - undisturbed.positions[-1]).max() < 1e-3
 
 
 @ESTIMATOR
 @RATE
 def test_a_sensor_that_stays_far_off_is_a_fault_that_names_the_joint(loop_of: Any, estimator: str, rate: int) -> None:
-    loop = loop_of(2000, rate=rate, estimator__name=estimator)
+    loop = loop_of(2000, rate=rate, **of(estimator, rate))
     loop.measure(TOLERATED + 1, 1.0)
     assert loop.controller.status[:3] == (Mode.STOPPED, Fault.MEASUREMENT, loop.arm.joints)
     assert f"{loop.arm.names[-1]} has implausible measurements" in loop.controller.changes([0, 0, 0, 0, 0])[0].text

@@ -304,5 +304,5 @@ def test_friction_is_compensated_at_the_desired_velocity_and_unknown_to_the_obse
 
 
 def test_rejection_needs_an_estimator_that_estimates_the_disturbance(arm: Arm) -> None:
-    with pytest.raises(ParameterError, match=r"law\.disturbance_rejection: estimator\.name must be extended_state_obs"):
+    with pytest.raises(ParameterError, match=r"law\.disturbance_rejection: estimator\.name must be elastic_joint_obs"):
         arm.controller(estimator__name="filtered_difference", law__disturbance_rejection=True)

@@ -110,7 +110,11 @@ def test_a_named_set_is_that_of_the_law_of_the_scenario(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("node", "settings", "cause"),
     [
-        ("controller", {"estimator.bandwidth": 30}, "bandwidth belongs to estimator.name extended_state_observer"),
+        (
+            "controller",
+            {"estimator.bandwidth": 30},
+            "bandwidth belongs to estimator.name elastic_joint_observer or",
+        ),
         (
             "controller",
             {"law.gain": 1},

@@ -68,6 +68,14 @@ def test_what_it_knows_of_them_may_be_wrong(stiffness: float, rotor: float) -> N
     assert _largest_error(experiment) < 0.025
 
 
+def test_where_it_would_have_to_be_slower_the_rigid_one_is_taken() -> None:
+    settings = make_experiment(None, hardware="geared").settings
+    knows, rigid = (
+        hardware_gains(settings["controller"], settings["simulator"], knows_springs=knows) for knows in (True, False)
+    )
+    assert knows == rigid
+
+
 @pytest.mark.parametrize("law", ["slotine_li", "pid"])
 def test_laws_that_reject_no_disturbance_keep_the_rigid_one(law: str) -> None:
     values = make_experiment(None, law, robot="ur5", hardware="geared").values["controller"]

@@ -12,6 +12,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import PRACTICAL, Experiment, make_experiment
 from pidtsm_core.experiment.hardware_classes import hardware_names
+from pidtsm_core.experiment.hardware_gains import hardware_gains
 from pidtsm_core.parameters import as_float, joint_array
 from pidtsm_core.robots import DESCRIPTION, NAMES, ROBOTS, Description, find_description
 from pidtsm_core.robots.definition import ArmDefinition, find_arm
@@ -172,6 +173,11 @@ def _experiment(draft: Draft, arm: ArmDefinition, seed: int, points: Path) -> Ex
     nominal = Experiment(f"blind {seed}", "", draft.duration, believed)
     parameters = () if draft.hardware else PRACTICAL
     made = make_experiment(nominal, None, None, parameters, (), arm.with_joints(), draft.hardware or None)
+    if draft.hardware:
+        # Who practises does not know the springs.
+        gains = hardware_gains(made.settings["controller"], made.settings["simulator"], knows_springs=False)
+        rigid = {"controller": {gain.name: gain.value for gain in gains} | {"drive.delay": 0.0}}
+        made = make_experiment(nominal, None, None, parameters, rigid, arm.with_joints(), draft.hardware)
     actual = dict(draft.simulator)
     if draft.plant != draft.arm.urdf:
         actual = {DESCRIPTION.name: draft.plant, "limits.effort": draft.limit.tolist(), **actual}
