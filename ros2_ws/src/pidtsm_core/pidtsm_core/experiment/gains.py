@@ -66,18 +66,10 @@ def first_gains(
     inertia = np.abs(_inertia(robot, values))
     limits = joint_array(values["limits.effort"], len(robot.joints))
     lateness = delay + _WAITING / rate
-    bandwidth, bounds = _bandwidths(inertia, limits, steps, lateness, True)
+    bandwidth, bounds = rigid = _bandwidths(inertia, limits, steps, lateness, True)
     if drives is not None:
-        inertias, knows = _inertias(robot, values), drives.observed
-        fastest = _bandwidths(inertia, limits, steps, lateness, False)
-        drives = replace(drives, observed=False)
-        bandwidth, bounds = _kept(drives, inertias, bandwidth, bounds)
-        if knows:
-            aware = replace(drives, observed=True)
-            faster, its = _kept(aware, inertias, *fastest)
-            # Where rotors are heavy and springs soft, feedback from the motors damps better.
-            if (faster >= _AS_FAST * bandwidth).all():
-                drives, bandwidth, bounds = aware, faster, its
+        aware = _bandwidths(inertia, limits, steps, lateness, False)
+        drives, bandwidth, bounds = _of_loop(drives, _inertias(robot, values), rigid, aware)
     known = Known(bandwidth=bandwidth, steps=steps, inertia=np.diag(inertia))
     return (
         Gain("law.name", law, "the proposed law" if law == LAW_NAME.default else "the chosen law"),
@@ -119,10 +111,31 @@ def rotors(settings: Mapping[str, object]) -> Array:
     return robot.rotors(robot.pack_model(_checked(settings)))
 
 
-def _kept(drives: Drives, inertias: list[Array], bandwidth: Array, bounds: list[str]) -> tuple[Array, list[str]]:
-    """Bandwidths with which the loop keeps its margins, rad/s, and what limits each; arguments without margins."""
-    kept = bandwidths(drives, inertias, bandwidth)
-    return kept, [_BOUNDS[-1] if low < high else its for low, high, its in zip(kept, bandwidth, bounds, strict=True)]
+def _of_loop(
+    drives: Drives, inertias: list[Array], rigid: tuple[Array, list[str]], aware: tuple[Array, list[str]]
+) -> tuple[Drives, Array, list[str]]:
+    """The drives, bandwidths with which the loop keeps its margins, rad/s, and what limits each of them.
+
+    Args:
+        drives: if they are `observed`, the observer knows the springs, unless it must be slower then.
+        inertias: see `bandwidths`.
+        rigid: bandwidths without margins, shape (joints,), rad/s, and what limits them, of an observer that takes the
+            arm for rigid.
+        aware: likewise, of one that knows the springs.
+    """
+    unaware = replace(drives, observed=False)
+    kept = bandwidths(unaware, inertias, rigid[0])
+    if drives.observed:
+        faster = bandwidths(drives, inertias, aware[0])
+        # Where rotors are heavy and springs soft, feedback from the motors damps better.
+        if (faster >= _AS_FAST * kept).all():
+            return drives, faster, _limited(faster, *aware)
+    return unaware, kept, _limited(kept, *rigid)
+
+
+def _limited(kept: Array, fastest: Array, bounds: list[str]) -> list[str]:
+    """What limits each of the bandwidths that were kept, given the fastest ones and their bounds."""
+    return [_BOUNDS[-1] if low < high else its for low, high, its in zip(kept, fastest, bounds, strict=True)]
 
 
 def _bandwidths(inertia: Array, limits: Array, steps: Array, delay: float, resonates: bool) -> tuple[Array, list[str]]:
