@@ -292,6 +292,21 @@ CONDITIONS: dict[str, Any] = {
     "elastic joints, encoders on the motors": {
         "simulator": {"elasticity.stiffness": [3e4, 1e4], "elasticity.damping": 20.0, "encoder.bits": 17},
     },
+    "elastic joints, whose springs the observer knows": {
+        "controller": {
+            "estimator.name": "elastic_joint_observer",
+            "estimator.stiffness": [3e4, 1e4],
+            "estimator.damping": 20.0,
+            "drive.delay": 0.0015,
+        },
+        "simulator": {
+            "elasticity.stiffness": [3e4, 1e4],
+            "elasticity.damping": 20.0,
+            "encoder.bits": 17,
+            "delay.samples": 1,
+            "dropout.probability": 0.05,
+        },
+    },
     "elastic joints, all imperfections of joints and drives, brakes": {
         "controller": {"feedback.effort": "measured"},
         "simulator": {
