@@ -53,7 +53,7 @@ def _check_command(layout: environment.Layout, arguments: list[str]) -> None:
     if files and arguments and not arguments[0].startswith("-") and arguments[0] not in known:
         likely = get_close_matches(arguments[0], known, n=1)
         meant = f"; did you mean {likely[0]}?" if likely else ""
-        environment.report(f"there is no command {arguments[0]}{meant} (README.md has the first ones)")
+        environment.report(f"there is no command {arguments[0]}{meant} (README.md lists the most important ones)")
         sys.exit(2)
 
 

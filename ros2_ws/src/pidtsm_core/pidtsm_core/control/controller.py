@@ -118,9 +118,9 @@ class Controller:
             expect_handover(self.state)
 
     def _configure(self, values: Mapping[str, Value]) -> None:
-        self._values, robot = values, find_robot(values)
-        self._units = robot.units
-        config = self.config = make_config(values, robot)
+        robot = find_robot(values)
+        config = make_config(values, robot)  # First: what it refuses changes nothing.
+        self._values, self._units, self.config = values, robot.units, config
         # A copy, because models have scratch space. A payload that changes needs another effort.
         model = config.firmware.parameters.copy()
         own = config.law.gains, config.law.integers, config.estimator.parameters

@@ -27,15 +27,37 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined, njit
 from pidtsm_core.estimators.base import DISTURBANCE, Estimator, Sample
-from pidtsm_core.estimators.elastic_gains import STATES, kalman_gains
+from pidtsm_core.estimators.elastic_gains import kalman_gains
 from pidtsm_core.parameters import Parameter
 from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.robots import forward_dynamics
 from pidtsm_core.robots.inertia import divide, divide_transposed, factorise, write_inertia
 
+_PARAMETERS = (
+    Parameter(
+        "bandwidth",
+        30.0,
+        "speed of the observer; five times the rate at most",
+        "rad/s",
+        minimum=0.0,
+        exclusive=True,
+        per_joint=True,
+    ),
+    Parameter(
+        "stiffness",
+        0.0,
+        "of the gear between motor and link; 0: the joint is rigid, as is one without robot.armature",
+        "N m/rad",
+        minimum=0.0,
+        per_joint=True,
+    ),
+    Parameter("damping", 0.0, "of the gear between motor and link", "N m s/rad", minimum=0.0, per_joint=True),
+    Parameter("rate", 1000.0, "joint states per second for which its gains are", "Hz", minimum=1.0),
+    Parameter("at_links", False, "the encoders measure the links, not the motors"),
+)
 # Parameters of a joint, as `estimate` reads them: s, whether the encoder measures the link, kg m^2 (0: the joint is
-# rigid), N m/rad, N m s/rad, and the corrections of the states.
-_PERIOD, _AT_LINK, _ROTOR, _STIFFNESS, _DAMPING, _GAINS = range(6)
+# rigid), N m/rad, N m s/rad, and the corrections of p, p', d, the twist and its rate.
+_PERIOD, _AT_LINK, _ROTOR, _STIFFNESS, _DAMPING, _TO_P, _TO_DP, _TO_D, _TO_TWIST, _TO_RATE = range(10)
 # State of a joint beside p, p' and d: 1 after the first sample, rad, rad/s.
 _KNOWN, _TWIST, _RATE = 3, 4, 5
 
@@ -45,12 +67,21 @@ _SILENCE = 1.0  # s; after a longer gap between samples the motion of the arm is
 
 
 def _prepare(packed: Array, rotor: Array, inertia: Array) -> Array:
-    """See `Estimator.prepare`."""
-    found = np.zeros((rotor.size, _GAINS + STATES))
-    for j, (bandwidth, stiffness, damping, rate, at_link) in enumerate(packed[:, :STATES]):
-        its = rotor[j] if stiffness > 0.0 else 0.0
-        found[j, :_GAINS] = 1.0 / rate, at_link, its, stiffness, damping
-        found[j, _GAINS:] = kalman_gains(its, inertia[j], stiffness, damping, at_link, bandwidth, 1.0 / rate)
+    """See `Estimator.prepare`.
+
+    A joint for whose spring there are no gains in numbers, as with a damper that no gear has, counts as rigid.
+    """
+    bandwidth, stiffness, damping, rates, at_links = packed.T[: len(_PARAMETERS)]
+    period, found = 1.0 / float(rates[0]), np.zeros((rotor.size, _TO_RATE + 1))
+    found[:, _PERIOD], found[:, _AT_LINK] = period, at_links
+    found[:, _STIFFNESS], found[:, _DAMPING] = stiffness, damping
+    moved, on_links = np.where(stiffness > 0.0, rotor, 0.0), bool(at_links[0])
+    gains = kalman_gains(moved, inertia, stiffness, damping, on_links, bandwidth, period)
+    rigid = ~np.isfinite(gains).all(axis=1)
+    if rigid.any():
+        moved = np.where(rigid, 0.0, moved)
+        gains = kalman_gains(moved, inertia, stiffness, damping, on_links, bandwidth, period)
+    found[:, _ROTOR], found[:, _TO_P:] = moved, gains
     return found
 
 
@@ -153,11 +184,11 @@ def _correct(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
             seen += x[j, _TWIST]
         m.force[j] = pace * min(sample.dt / p[j, _PERIOD], 1.0) * (sample.q[j] - seen)
     for j in range(sample.q.size):
-        estimates[0, j] += p[j, _GAINS] * m.force[j]
-        estimates[1, j] += pace * p[j, _GAINS + 1] * m.force[j]
-        x[j, DISTURBANCE] += pace * pace * p[j, _GAINS + 2] * m.force[j]
-        x[j, _TWIST] += p[j, _GAINS + 3] * m.force[j]
-        x[j, _RATE] += p[j, _GAINS + 4] * m.force[j]
+        estimates[0, j] += p[j, _TO_P] * m.force[j]
+        estimates[1, j] += pace * p[j, _TO_DP] * m.force[j]
+        x[j, DISTURBANCE] += pace * pace * p[j, _TO_D] * m.force[j]
+        x[j, _TWIST] += p[j, _TO_TWIST] * m.force[j]
+        x[j, _RATE] += p[j, _TO_RATE] * m.force[j]
         x[j, 0], x[j, 1] = estimates[0, j], estimates[1, j]
 
 
@@ -196,20 +227,7 @@ def estimate(sample: Sample, p: Array, x: Array, estimates: Array) -> None:
 ELASTIC_JOINT_OBSERVER = Estimator(
     name="elastic_joint_observer",
     summary="q, q' and disturbance of links that motors move through springs, with the robot model",
-    parameters=(
-        Parameter("bandwidth", 30.0, "speed of the observer", "rad/s", minimum=0.0, exclusive=True, per_joint=True),
-        Parameter(
-            "stiffness",
-            0.0,
-            "of the gear between motor and link; 0: the joint is rigid, as is one without robot.armature",
-            "N m/rad",
-            minimum=0.0,
-            per_joint=True,
-        ),
-        Parameter("damping", 0.0, "of the gear between motor and link", "N m s/rad", minimum=0.0, per_joint=True),
-        Parameter("rate", 1000.0, "joint states per second for which its gains are", "Hz", minimum=1.0),
-        Parameter("at_links", False, "the encoders measure the links, not the motors"),
-    ),
+    parameters=_PARAMETERS,
     estimate=estimate,
     finds_disturbance=True,
     prepare=_prepare,

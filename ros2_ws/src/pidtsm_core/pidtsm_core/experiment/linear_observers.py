@@ -99,7 +99,7 @@ def elastic_model(
 def elastic_corrections(
     period: float, inertia: Array, rotor: Array, stiffness: Array, damping: Array, on_motor: bool, bandwidth: Array
 ) -> Array:
-    """Corrections of `elastic_model`, shape (states, joints).
+    """Corrections of `elastic_model`, shape (states, joints); see `kalman_gains`.
 
     Args:
         period: of the samples, s.
@@ -110,10 +110,5 @@ def elastic_corrections(
         on_motor: likewise.
         bandwidth: shape (joints,), rad/s.
     """
-    each = [
-        kalman_gains(
-            rotor[j] if stiffness[j] > 0.0 else 0.0, inertia[j], stiffness[j], damping[j], not on_motor, w, period
-        )
-        for j, w in enumerate(bandwidth)
-    ]
-    return np.vstack([np.diag(gains) for gains in np.array(each).T])
+    gains = kalman_gains(rotor, inertia, stiffness, damping, not on_motor, bandwidth, period)
+    return np.vstack([np.diag(each) for each in gains.T])

@@ -118,7 +118,7 @@ def _judge(drives: Drives, inertias: list[Array], margins: Sequence[_Margin]) ->
             its = observer(place, bandwidth)
             for plant, margin in zip(plants[place], margins, strict=True):
                 closed = _closed(drives, plant, its, inertia, bandwidth, margin)
-                if not np.abs(np.linalg.eigvals(closed)).max() < 1.0:
+                if not np.isfinite(closed).all() or not np.abs(np.linalg.eigvals(closed)).max() < 1.0:
                     return False
         return True
 

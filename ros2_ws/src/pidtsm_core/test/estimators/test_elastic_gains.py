@@ -38,14 +38,16 @@ def test_the_gains_are_those_of_the_steady_filter(stiffness: float, at_link: boo
     inertia = ROTOR + LINK
     mean = [(ROTOR * motor + LINK * link) / inertia, (ROTOR * motor_rate + LINK * link_rate) / inertia]
     expected = [*mean, disturbance, motor - link, motor_rate - link_rate]
-    found = kalman_gains(ROTOR, inertia, stiffness, DAMPING, at_link, 60.0, PERIOD)
+    one = np.ones(1)
+    (found,) = kalman_gains(ROTOR * one, inertia * one, stiffness * one, DAMPING * one, at_link, 60.0 * one, PERIOD)
     np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-7)
 
 
 def test_a_rigid_joint_has_a_butterworth_pattern_at_the_bandwidth() -> None:
     """Poles of the continuous error, rad/s; the noise of the torque matters little for a slow observer."""
     bandwidth, period = 5.0, 1e-4
-    p, dp, d, *twist = kalman_gains(0.0, 2.0, 0.0, 0.0, False, bandwidth, period)
+    none, one = np.zeros(1), np.ones(1)
+    ((p, dp, d, *twist),) = kalman_gains(none, 2.0 * one, none, none, False, bandwidth * one, period)
     poles = np.roots([1.0, p / period, dp / period, d / period])
     assert twist == [0.0, 0.0]
     np.testing.assert_allclose(np.abs(poles), bandwidth, rtol=0.01)

@@ -80,6 +80,19 @@ def test_after_an_absurd_measurement_the_arm_counts_as_at_rest_and_is_found_agai
     np.testing.assert_allclose(estimates[-1], 0.0, atol=1e-6)
 
 
+@pytest.mark.parametrize("bandwidth", [1e-6, 1e3, 4e18])
+@pytest.mark.parametrize("stiffness", [1e-9, 1e4, 4e18])
+@pytest.mark.parametrize("damping", [0.0, 1e9, 4e18])
+@pytest.mark.parametrize("rate", [1.0, 500.0, 1e9])
+def test_there_are_gains_for_any_parameters(bandwidth: float, stiffness: float, damping: float, rate: float) -> None:
+    """Also while the arm moves: a change must not stop a node."""
+    given = {"bandwidth": bandwidth, "stiffness": stiffness, "damping": damping, "rate": rate, "at_links": False}
+    values = {f"estimator.{name}": value for name, value in given.items()}
+    for rotor, inertia in ((1e-9, 1.0), (0.1, 1.0), (1.0, 1.0), (1e-6, 1e18)):
+        p = ELASTIC_JOINT_OBSERVER.make_parameters(values, np.full(2, rotor), np.full(2, inertia))
+        assert np.isfinite(p).all()
+
+
 def test_more_samples_than_its_rate_do_not_make_it_faster(arm: Arm) -> None:
     """After a step of the position, it has gone as far as with samples at its rate."""
     found = []

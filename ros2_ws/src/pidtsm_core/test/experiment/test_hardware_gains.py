@@ -43,19 +43,23 @@ def test_an_observer_that_knows_the_springs_lets_links_err_by_half_as_much(hardw
     ratios = []
     for arm in ARMS:
         knows = make_experiment(None, robot=arm, hardware=hardware)
-        settings = knows.settings
-        without = hardware_gains(settings["controller"], settings["simulator"], knows_springs=False)
-        named = {"controller": {gain.name: gain.value for gain in without} | {"drive.delay": 0.0}}
-        rigid = make_experiment(None, robot=arm, hardware=hardware, overrides=named)
-        errors = [_largest_error(each) for each in (knows, rigid)]
-        ratios.append(errors[0] / errors[1])
+        ratios.append(_error(knows) / _error(_rigid(arm, hardware)))
     assert np.median(ratios) < 0.5, ratios
     assert max(ratios) < 1.25, ratios
 
 
-def _largest_error(experiment: Experiment) -> float:
+def _error(experiment: Experiment) -> float:
+    """RMS error of the links from 4 s on, rad; the largest one depends on when a joint slips."""
     run = rollout(experiment)
-    return float(np.abs(run.error)[run.time >= 4.0].max())
+    return float(np.sqrt(np.square(run.error[run.time >= 4.0]).mean()))
+
+
+def _rigid(arm: str, hardware: str) -> Experiment:
+    """The arm with an observer that does not know the springs."""
+    settings = make_experiment(None, robot=arm, hardware=hardware).settings
+    gains = hardware_gains(settings["controller"], settings["simulator"], knows_springs=False)
+    named = {"controller": {gain.name: gain.value for gain in gains} | {"drive.delay": 0.0}}
+    return make_experiment(None, robot=arm, hardware=hardware, overrides=named)
 
 
 @pytest.mark.parametrize(("stiffness", "rotor"), [(0.8, 1.0), (1.2, 1.0), (1.0, 0.85), (1.0, 1.15)])
@@ -65,7 +69,7 @@ def test_what_it_knows_of_them_may_be_wrong(stiffness: float, rotor: float) -> N
     if rotor != 1.0:
         wrong["robot.armature"] = (rotor * joint_array(knows["robot.armature"], 6)).tolist()
     experiment = make_experiment(None, robot="ur5", hardware="geared", overrides={"controller": wrong})
-    assert _largest_error(experiment) < 0.025
+    assert _error(experiment) < 0.8 * _error(_rigid("ur5", "geared"))
 
 
 def test_where_it_would_have_to_be_slower_the_rigid_one_is_taken() -> None:
