@@ -21,6 +21,8 @@ _FASTEST = 0.97
 """Share of the velocity limit at which the barrier stands, so that the arm does not stop."""
 _FOLLOWS = 0.05
 """A joint whose velocity is that near to the desired one, rad/s, follows."""
+_NEAR = 0.5
+"""rad/s; a joint whose velocity is farther from what its barrier allows is not held back."""
 _PASSES = 4
 """How often the accelerations are fitted to the effort limits; the joints are coupled."""
 _BY_BARRIER = float(Limited.BARRIER)
@@ -72,10 +74,13 @@ def _is_less(config: ControllerConfig, state: ControllerState) -> bool:
 def _note_friction(config: ControllerConfig, state: ControllerState) -> None:
     """Note as compensated the friction that a joint has which is held back, not that of its desired velocity.
 
-    The latter is free of noise, so it counts for a joint that follows.
+    The latter is free of noise, so it counts for a joint that follows, and for one that is far from its barrier.
     """
     for j in range(state.added.size):
         desired, estimated = state.desired[1, j], state.signals[Signal.VELOCITY, j]
+        low, high = _allowed_velocities(config, state.signals[Signal.POSITION, j], j)
+        if low + _NEAR < estimated < high - _NEAR:
+            continue
         likely = min(max(desired, estimated - _FOLLOWS), estimated + _FOLLOWS)
         if likely != desired:
             state.added[j] -= friction(config, desired, j) - friction(config, likely, j)
@@ -102,13 +107,21 @@ def _correct(config: ControllerConfig, state: ControllerState) -> bool:
 @inlined
 def _allowed(config: ControllerConfig, q: float, dq: float, caused: float, joint: int) -> float:
     """The acceleration next to the one that is caused that keeps the barriers of a joint, rad/s^2."""
+    low, high = _allowed_velocities(config, q, joint)
+    gain = _STIFFER * config.barrier.approach
+    # Beyond both, which noise may do, towards the middle.
+    return min(max(caused, gain * (low - dq)), gain * (high - dq))
+
+
+@inlined
+def _allowed_velocities(config: ControllerConfig, q: float, joint: int) -> tuple[float, float]:
+    """The least and the largest velocity that the barriers of a joint allow at q, rad/s."""
     least, most = config.limits.min_position[joint], config.limits.max_position[joint]
     approach, margin, fastest = config.barrier.approach, config.barrier.margin[joint], config.limits.velocity[joint]
-    gain, low, high = _STIFFER * approach, -math.inf, math.inf
+    low, high = -math.inf, math.inf
     if margin > 0.0 and least < most:
         margin = min(margin, 0.5 * (most - least))
         high, low = approach * (most - margin - q), approach * (least + margin - q)
     if fastest > 0.0:
         high, low = min(high, _FASTEST * fastest), max(low, -_FASTEST * fastest)
-    # Beyond both, which noise may do, towards the middle.
-    return min(max(caused, gain * (low - dq)), gain * (high - dq))
+    return low, high

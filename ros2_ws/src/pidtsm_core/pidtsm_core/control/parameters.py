@@ -353,6 +353,9 @@ def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> Non
         **{p: (settings.get(p.name, "none") != "none", teaches) for p in ADAPTATION},
         **{p: (np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0), finds) for p in (_DELAY, _LAG)},
     }
+    if settings.get(_FEEDBACK.name) == "measured" and settings.get("estimator.at_links") is True:
+        reason = "torque sensors behind the gears measure what the springs carry, not the motors; take commanded"
+        raise ParameterError(f"{_FEEDBACK.name}: with estimator.at_links, {reason}", _FEEDBACK.name)
     for parameter, (used, capable) in uses.items():
         if used and estimator.name not in capable:
             reason = f"{parameter.name}: estimator.name must be {' or '.join(capable)}, not {estimator.name}"

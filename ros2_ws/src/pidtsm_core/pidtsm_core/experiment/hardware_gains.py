@@ -29,8 +29,8 @@ _USED = (
     STIFFNESS.name,
     ENCODER.name,
 )
-
-
+_SLOWEST_RATE = 10.0
+"""1/s; see `_lets_observe`."""
 _LONGEST = 20
 """Samples; behind a longer delay the bandwidth is so low that no joint resonates."""
 
@@ -64,7 +64,7 @@ def hardware_gains(
     rotor, on_motor = rotors(controller), used[ENCODER.name] == MOTOR
     stiffness = np.where(rotor > 0.0, joint_array(used[STIFFNESS.name], joints), 0.0)
     lag = float((joint_array(used["actuator.lag"], joints) + _current_lag(used, joints)).max())
-    observed = knows_springs and rejects(law) and bool(stiffness.any())
+    observed = knows_springs and rejects(law) and bool(stiffness.any()) and _lets_observe(controller, on_motor)
     drives = Drives(
         period=1.0 / rate,
         delay=min(delay, _LONGEST),
@@ -84,6 +84,23 @@ def hardware_gains(
         return gains
     known = Gain("compensation.coulomb", tuple(friction.tolist()), "the Coulomb friction of half-warm gears is known")
     return (*gains, known)
+
+
+def _lets_observe(controller: Mapping[str, object], on_motor: bool) -> bool:
+    """Whether the controller may have an observer that knows the springs.
+
+    Not if it measures torques behind the gears, nor if a limit of the effort's rate leaves too little for it: on the
+    Panda and the UR5 with geared joints, it stops below 10/s, one that takes them for rigid below 5/s.
+    """
+    if not on_motor and controller.get("feedback.effort") == "measured":
+        return False
+    limits = controller.get("limits.effort", find_robot(controller).effort_limit)
+    try:
+        rates = np.asarray(controller.get("limits.effort_rate", 0.0), np.float64)
+        slow = (rates > 0.0) & (rates < _SLOWEST_RATE * np.asarray(limits, np.float64))
+    except (TypeError, ValueError):  # Values of a wrong type or length are refused later.
+        return False
+    return not slow.any()
 
 
 def _current_lag(used: Mapping[str, Value], joints: int) -> Array:

@@ -10,6 +10,7 @@ from pidtsm_core.experiment.hardware_classes import hardware_names
 from pidtsm_core.experiment.hardware_gains import hardware_gains
 from pidtsm_core.experiment.law_gains import Gain
 from pidtsm_core.parameters import ParameterError, joint_array
+from pidtsm_core.parameters.files import Settings
 from pidtsm_core.robots.source import ARMS
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_core.signals import Status
@@ -51,15 +52,44 @@ def test_an_observer_that_knows_the_springs_lets_links_err_by_half_as_much(hardw
 def _error(experiment: Experiment) -> float:
     """RMS error of the links from 4 s on, rad; the largest one depends on when a joint slips."""
     run = rollout(experiment)
+    assert not run.status[:, Status.FAULT].any()
     return float(np.sqrt(np.square(run.error[run.time >= 4.0]).mean()))
 
 
-def _rigid(arm: str, hardware: str) -> Experiment:
+def _rigid(arm: str, hardware: str, condition: Settings | None = None) -> Experiment:
     """The arm with an observer that does not know the springs."""
+    given = condition or {}
     settings = make_experiment(None, robot=arm, hardware=hardware).settings
     gains = hardware_gains(settings["controller"], settings["simulator"], knows_springs=False)
-    named = {"controller": {gain.name: gain.value for gain in gains} | {"drive.delay": 0.0}}
-    return make_experiment(None, robot=arm, hardware=hardware, overrides=named)
+    named = {gain.name: gain.value for gain in gains} | {"drive.delay": 0.0} | given.get("controller", {})
+    overrides = {"controller": named, "simulator": given.get("simulator", {})}
+    return make_experiment(None, robot=arm, hardware=hardware, overrides=overrides)
+
+
+@pytest.mark.parametrize("hardware", ["geared", "collaborative"])
+@pytest.mark.parametrize(
+    "condition",
+    [
+        {"controller": {"activation.blend": 0.5, "barrier.margin": 0.05, "limits.tracking_error": 0.15}},
+        {"controller": {"limits.effort_rate": 500.0}},
+        {"controller": {"feedback.effort": "measured"}},
+        {"controller": {"rehearsal.restart": 4.0, "activation.blend": 0.1}},
+        {"simulator": {"dropout.time": 5.0, "dropout.duration": 0.04, "dropout.probability": 0.1}},
+        {"simulator": {"model_error.mass": 0.2, "payload.mass": 1.5, "payload.time": 5.0}},
+    ],
+    ids=lambda condition: ", ".join(name for node in condition.values() for name in node),
+)
+def test_limits_feedback_and_model_errors_make_it_no_worse_than_the_rigid_one(
+    condition: Settings, hardware: str
+) -> None:
+    knows = make_experiment(None, robot="panda", hardware=hardware, overrides=condition)
+    assert _error(knows) < 1.1 * _error(_rigid("panda", hardware, condition))
+
+
+def test_torques_measured_behind_the_gears_are_refused() -> None:
+    names = {"estimator.name": "elastic_joint_observer", "estimator.at_links": True, "feedback.effort": "measured"}
+    with pytest.raises(ParameterError, match="torque sensors behind the gears measure what the springs carry"):
+        make_experiment(None, robot="panda", overrides={"controller": names})
 
 
 @pytest.mark.parametrize(("stiffness", "rotor"), [(0.8, 1.0), (1.2, 1.0), (1.0, 0.85), (1.0, 1.15)])
