@@ -22,13 +22,13 @@ from typing import Any
 from pidtsm_core.errors import UsageError
 from pidtsm_core.robots import find_robot
 from pidtsm_experiments.commissioning.port import RosPort
-from pidtsm_studies.commissioning.arm import CommissionError, Wired, Wiring
+from pidtsm_studies.commissioning.arm import CommissionError, StoppedError, Wired, Wiring
 from pidtsm_studies.commissioning.loop import Loop
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import Motion
 from pidtsm_studies.commissioning.signs import find_signs
 
-DONE, TOLD, FAILED = "done", "told", "failed"
+DONE, TOLD, STOPPED, FAILED = "done", "told", "stopped", "failed"
 """Kinds of answers."""
 SIGNS, FOLLOW, PERIOD, HOLD, RELEASE = "signs", "follow", "period", "hold", "release"
 """Kinds of requests."""
@@ -118,7 +118,7 @@ class Holder:
             raise
         except UsageError as error:
             self._moves = False
-            self._answer(FAILED, str(error))
+            self._answer(STOPPED if isinstance(error, StoppedError) else FAILED, str(error))
         except Exception as error:  # Whatever a step does wrong, the arm is held.
             self._moves = False
             traceback.print_exc()

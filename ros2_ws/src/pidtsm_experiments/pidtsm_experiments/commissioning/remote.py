@@ -13,9 +13,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from pidtsm_experiments.commissioning.holder import DONE, FOLLOW, HOLD, PERIOD, RELEASE, SIGNS, TOLD
+from pidtsm_experiments.commissioning.holder import DONE, FOLLOW, HOLD, PERIOD, RELEASE, SIGNS, STOPPED, TOLD
 from pidtsm_experiments.errors import RunError
-from pidtsm_studies.commissioning.arm import CommissionError, Wiring
+from pidtsm_studies.commissioning.arm import CommissionError, StoppedError, Wiring
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.motions import Motion
 from pidtsm_studies.commissioning.signs import Signs
@@ -118,7 +118,7 @@ class RemoteArm:
                 elif answer == DONE:
                     return content
                 else:
-                    raise CommissionError(content)
+                    raise (StoppedError if answer == STOPPED else CommissionError)(content)
         except KeyboardInterrupt:
             self._connection.send((HOLD,))
             raise

@@ -13,6 +13,10 @@ class CommissionError(UsageError):
     """A step that cannot be completed; the message says why and what a person can do."""
 
 
+class StoppedError(CommissionError):
+    """The controller has stopped the arm, which it holds; a firmer or a softer one may follow."""
+
+
 class Measured(NamedTuple):
     """A joint state.
 

@@ -10,14 +10,20 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.experiment.gains import first_gains, rotors
 from pidtsm_core.experiment.law_gains import Known, gains_of_law, rounded
 from pidtsm_core.robots import Description, robot_schema
+from pidtsm_studies.commissioning.arm import StoppedError
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import Motion
 
 CAUTIOUS_BITS, CAUTIOUS_DELAY = 12, 0.008
 """Resolution and delay (s) that are assumed until they are measured: gains for them are low."""
+FIRMNESS = "firmness"
+"""Name of a figure of each step: see `Bench.firmness`."""
 CAUTION = 0.7
-"""Share of the bandwidth of the rule that a step uses before the gains are raised."""
+"""Share of the bandwidth of the rule that the first step begins with."""
+_OTHERS = (1.0, 1.4, 0.5, 0.35)
+"""Shares that are tried, in this order, when the controller has stopped the arm: friction needs a firm one most often.
+"""
 _SURELY = 0.8
 """Share of the friction of the sweeps that is compensated until the arm is identified."""
 _NUDGED = 0.4
@@ -90,6 +96,7 @@ class Bench:
         found: figures of the steps that are done, by name.
         tell: called with what a step finds on its way.
         described: the description of the arm as its user has it.
+        firmness: share of the bandwidth of the rule with which the arm has followed so far.
     """
 
     arm: Mapping[str, Any]
@@ -100,6 +107,29 @@ class Bench:
     found: Mapping[str, Mapping[str, Any]]
     tell: Callable[[str], None]
     described: Callable[[], Description]
+    firmness: float = CAUTION
+
+    def follow(self, motion: Motion, velocity: float = 1.0, error: float = ERROR, again: float = ERROR) -> Samples:
+        """Follow a motion; if the controller stops the arm, from its begin again with firmer and softer ones.
+
+        Args:
+            motion: the motion.
+            velocity: largest one that it needs, rad/s.
+            error: tracking error at which the arm is stopped, rad.
+            again: the same, when it is tried again.
+
+        Raises:
+            CommissionError: the arm cannot be followed.
+        """
+        others = [share for share in _OTHERS if share != self.firmness]
+        for share in others:
+            try:
+                return self.loop.follow(self.controller(velocity=velocity, error=error), motion)
+            except StoppedError as reason:
+                word = "firmer" if share > self.firmness else "softer"
+                self.tell(f"{reason}; once more with a {word} controller ({share:g} times the rule's bandwidth)")
+                self.firmness, error = share, again
+        return self.loop.follow(self.controller(velocity=velocity, error=error), motion)
 
     @property
     def identified(self) -> dict[str, Any]:
@@ -155,11 +185,11 @@ class Bench:
         """Parameters of the controller for a step.
 
         Args:
-            bandwidth: of the observer, shape (joints,), rad/s; None: a share of that of the rule.
+            bandwidth: of the observer, shape (joints,), rad/s; None: `firmness` times that of the rule.
             velocity: largest one that the step needs, rad/s.
             error: tracking error at which the arm is stopped, rad.
         """
-        bandwidth = CAUTION * self.bandwidth() if bandwidth is None else bandwidth
+        bandwidth = self.firmness * self.bandwidth() if bandwidth is None else bandwidth
         gains = {gain.name: gain.value for gain in self.gains(bandwidth)}
         return {**self.identified, **gains, **self.compensation, **safeguards(velocity, error)}
 

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
-from pidtsm_studies.commissioning.arm import CommissionError
 from pidtsm_studies.commissioning.bench import Bench, Outcome, Plan
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.motions import Motion, sweeps
@@ -40,12 +39,7 @@ def plan(bench: Bench) -> Plan:
 
 def run(bench: Bench) -> Outcome:
     """See `session.STEPS`."""
-    motion = _motion(bench)
-    try:
-        samples = bench.loop.follow(bench.controller(), motion)
-    except CommissionError as reason:
-        bench.tell(f"{reason}; once more with a firmer controller, in case that friction holds it")
-        samples = bench.loop.follow(bench.controller(bench.bandwidth(), error=_LOOSE), motion)
+    samples = bench.follow(_motion(bench), again=_LOOSE)
     model, swept = bench.model(), samples.motion
     q, dq, ddq = (swept.desired[:, i] for i in range(3))
     rest = swept.effort - model.torque(q, dq, ddq)

@@ -6,7 +6,7 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.arm import CommissionError
-from pidtsm_studies.commissioning.bench import CAUTION, Bench, Outcome, Plan, safeguards
+from pidtsm_studies.commissioning.bench import Bench, Outcome, Plan, safeguards
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.motions import Motion, periodic
 
@@ -57,7 +57,7 @@ def run(bench: Bench) -> Outcome:
         try:
             samples = bench.loop.follow(bench.controller(level * rule), motion)
         except CommissionError as reason:
-            if level < CAUTION:  # Too slow for friction; the steps before were faster.
+            if level < bench.firmness:  # Too slow for friction; the steps before were faster.
                 continue
             stopped, bound = str(reason), BACK * levels[-1]["level"] if levels else 0.0
             break

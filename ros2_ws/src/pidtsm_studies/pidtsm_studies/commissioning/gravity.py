@@ -58,7 +58,7 @@ def plan(bench: Bench) -> Plan:
 
 def run(bench: Bench) -> Outcome:
     """See `session.STEPS`."""
-    samples = bench.loop.follow(bench.controller(), _motion(bench))
+    samples = bench.follow(_motion(bench))
     model, moved = bench.model(), samples.motion
     postures, torques = _passed(moved.position, moved.effort, moved.desired, _postures(bench))
     share, zero, deviations = _explained(bench, postures, torques)

@@ -53,7 +53,7 @@ def plan(bench: Bench) -> Plan:
 
 def run(bench: Bench) -> Outcome:
     """See `session.STEPS`."""
-    samples = bench.loop.follow(bench.controller(), _motion(bench))
+    samples = bench.follow(_motion(bench))
     model, swings = bench.model(), samples.motion
     time = swings.time
     each = _DURATION + 0.2

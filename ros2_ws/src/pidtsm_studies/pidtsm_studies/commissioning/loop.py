@@ -11,8 +11,8 @@ from pidtsm_core.control import Controller, controller_schema
 from pidtsm_core.control.report import cause
 from pidtsm_core.parameters import Value, names, resolve
 from pidtsm_core.robots import robot_joints
-from pidtsm_core.signals import Mode, Request, Status
-from pidtsm_studies.commissioning.arm import CommissionError, Port
+from pidtsm_core.signals import Fault, Mode, Request, Status
+from pidtsm_studies.commissioning.arm import CommissionError, Port, StoppedError
 from pidtsm_studies.commissioning.motions import Motion, joined, rest, straight
 
 _SETTLING = 0.5
@@ -21,6 +21,10 @@ _MOST_LOST = 400
 """Joint states lost in a row that are waited for."""
 _TRANSIT, _GENTLE = 0.4, 1.5
 """Velocity (rad/s) and acceleration (rad/s^2) of the way to the begin of a motion."""
+_STOPPING = 1.0
+"""Time in which a controller that has stopped brings the arm to rest, s."""
+_OF_GAINS = (Fault.TRACKING_LIMIT, Fault.VELOCITY_LIMIT, Fault.MEASUREMENT)
+"""Why a controller stops that is too soft for friction, or too firm for elasticity or noise."""
 _KEPT = ("law.name", "estimator.name", "robot.description", "robot.locked", "joints")
 """Parameters with which a controller can go on; with others it begins anew. A closed form has no description."""
 
@@ -101,7 +105,8 @@ class Loop:
             prepared: whether `prepare` was called with these settings.
 
         Raises:
-            CommissionError: the controller has stopped; it holds the arm.
+            StoppedError: the controller has stopped, and other gains may help; it holds the arm.
+            CommissionError: it has stopped for another reason.
         """
         if not prepared:
             self.prepare(settings)
@@ -126,7 +131,9 @@ class Loop:
             )
             if controller.fault:
                 self._desired = None
-                raise CommissionError(f"the controller has stopped the arm: {self._cause(controller, settings)}")
+                self._come_to_rest(controller)
+                error = StoppedError if controller.fault in _OF_GAINS else CommissionError
+                raise error(f"the controller has stopped the arm: {self._cause(controller, settings)}")
             begin += time < way.duration
             # Delays may bring no joint state in this sample; the drives keep the last torque.
             measured = self._sense()
@@ -134,6 +141,14 @@ class Loop:
         self._desired = whole.end.copy()
         stamps, position, effort, desired = (np.array(column) for column in zip(*rows, strict=True))
         return Samples(stamps, position, effort, desired, begin)
+
+    def _come_to_rest(self, controller: Controller) -> None:
+        """Let a controller that has stopped bring the arm to rest."""
+        for _ in range(round(_STOPPING / self.period)):
+            measured = self._sense()
+            controller.position[:] = measured.position
+            controller.step(measured.stamp, measured.stamp)
+            self.port.act(controller.effort)
 
     def hold(self) -> None:
         """Answer one joint state so that the arm stays where it is; with nothing if nothing has carried it yet."""

@@ -35,7 +35,7 @@ def plan(bench: Bench) -> Plan:
 
 def run(bench: Bench) -> Outcome:
     """See `session.STEPS`."""
-    samples = bench.loop.follow(bench.controller(), _motion(bench))
+    samples = bench.follow(_motion(bench))
     whole = samples.motion
     at_rest = whole.time < DURATION
     still = whole.position[at_rest]

@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,7 +13,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.robots import Description
 from pidtsm_studies.commissioning import compare, excite, friction, gains, gravity, lateness, rest
 from pidtsm_studies.commissioning.arm import CommissionError, Wiring
-from pidtsm_studies.commissioning.bench import Bench, Follower, Outcome, Plan
+from pidtsm_studies.commissioning.bench import CAUTION, FIRMNESS, Bench, Follower, Outcome, Plan
 from pidtsm_studies.commissioning.catch import FARTHEST
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
@@ -169,6 +169,7 @@ class Session:
                     raise RefusedError
                 try:
                     outcome = STEPS[name].run(bench)
+                    outcome = replace(outcome, figures={**outcome.figures, FIRMNESS: bench.firmness})
                 except CommissionError as reason:
                     raise CommissionError(f"{reason}{self._stuck(bench)}") from None
             keep(outcome.samples)
@@ -231,7 +232,11 @@ class Session:
         subject = self.subject
         figures = {name: each["figures"] for name, each in self.found.items()}
         home = np.array(figures[_FIRST]["home"])
-        return Bench(subject.arm, subject.before, subject.motion, home, loop, figures, tell, subject.described)
+        known = [each[FIRMNESS] for each in figures.values() if FIRMNESS in each]
+        firmness = float(known[-1]) if known else CAUTION
+        return Bench(
+            subject.arm, subject.before, subject.motion, home, loop, figures, tell, subject.described, firmness
+        )
 
     def _add(self, name: str, outcome: Outcome) -> None:
         self._keep_samples(outcome.samples)

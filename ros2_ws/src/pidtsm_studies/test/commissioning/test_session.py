@@ -55,12 +55,22 @@ def test_an_interrupted_session_goes_on_with_the_same_result(tmp_path: Path) -> 
 
 
 def test_a_joint_that_sticks_too_much_is_named_with_the_cure(tmp_path: Path) -> None:
-    sticky = {"friction.static": [0.5, 18.0, 0.5, 0.5], "friction.bristle_stiffness": 2e4}
+    sticky = {"friction.static": [0.5, 19.5, 0.5, 0.5], "friction.bristle_stiffness": 2e4}
     arm = replace(SIMULATED, settings={**SIMULATED.settings, **sticky, "friction.stribeck_velocity": 0.02})
     session = Session.opened(tmp_path, SUBJECT)
     with pytest.raises(CommissionError, match=r"joint2 took 4\d % of its torque limit .* again with --from signs"):
         session.run(arm, lambda *_: True, lambda _: None, lambda _: None)
-    assert session.missing[0] == "friction"
+    assert session.missing[0] == "gravity"
+
+
+def test_an_arm_that_friction_holds_is_followed_by_a_firmer_controller_from_then_on(tmp_path: Path) -> None:
+    arm = replace(SIMULATED, settings={**SIMULATED.settings, "friction.coulomb": 8.0})
+    session, told = Session.opened(tmp_path, SUBJECT), list[str]()
+    with pytest.raises(RefusedError):
+        session.run(arm, lambda step, _: step != "identify", told.append, lambda _: None)
+    firmness = [session.found[step]["figures"]["firmness"] for step in ("lateness", "friction", "gravity")]
+    assert firmness[0] < firmness[1] <= firmness[2]
+    assert any("once more with a firmer controller" in text for text in told)
 
 
 @pytest.mark.parametrize(

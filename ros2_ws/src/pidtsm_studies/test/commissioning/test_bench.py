@@ -1,0 +1,77 @@
+"""When the controller stops the arm, a step tries firmer and softer ones; the next step begins with what worked."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_studies.commissioning.arm import CommissionError, StoppedError
+from pidtsm_studies.commissioning.bench import CAUTION, Bench
+from pidtsm_studies.commissioning.loop import Samples
+from pidtsm_studies.commissioning.motions import Motion, rest
+
+DEFINITION = ArmDefinition("scara")
+HOME = np.zeros(4)
+MOTION = rest(HOME, 0.1)
+
+
+class _Arm:
+    """Stops unless the bandwidth of the controller is between two values, relative to that of the rule."""
+
+    period = 0.002
+
+    def __init__(self, low: float, high: float, error: type[CommissionError] = StoppedError) -> None:
+        self.low, self.high, self.error = low, high, error
+        self.tried: list[float] = []
+        self.rule = np.ones(4)
+
+    def follow(self, settings: Mapping[str, Any], motion: Motion) -> Samples:
+        share = float(np.mean(np.array(settings["estimator.bandwidth"]) / self.rule))
+        self.tried.append(round(share, 1))
+        if not self.low <= self.tried[-1] <= self.high:
+            raise self.error("the controller has stopped the arm")
+        states = motion.states.transpose(1, 0, 2)
+        return Samples(np.arange(len(states)), states[:, 0], states[:, 0], states, 0)
+
+
+def bench(arm: _Arm, told: list[str], firmness: float = CAUTION) -> Bench:
+    settings = DEFINITION.settings()
+    result = Bench(settings, settings, None, HOME, arm, {}, told.append, DEFINITION.described, firmness)
+    arm.rule = result.bandwidth()
+    return result
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "tried", "words"),
+    [
+        (0.6, 2.0, [0.7], []),
+        (0.9, 2.0, [0.7, 1.0], ["firmer"]),
+        (1.2, 2.0, [0.7, 1.0, 1.4], ["firmer", "firmer"]),
+        (0.0, 0.6, [0.7, 1.0, 1.4, 0.5], ["firmer", "firmer", "softer"]),
+    ],
+)
+def test_what_follows_is_found_and_kept(low: float, high: float, tried: list[float], words: list[str]) -> None:
+    arm, told = _Arm(low, high), list[str]()
+    tested = bench(arm, told)
+    tested.follow(MOTION)
+    assert arm.tried == tried
+    assert tested.firmness == tried[-1]
+    assert [word for text in told for word in ("firmer", "softer") if f"with a {word} controller" in text] == words
+    tested.follow(MOTION)
+    assert arm.tried == [*tried, tried[-1]]
+
+
+def test_each_controller_is_tried_once() -> None:
+    arm = _Arm(3.0, 4.0)
+    with pytest.raises(StoppedError):
+        bench(arm, [], firmness=1.4).follow(MOTION)
+    assert arm.tried == [1.4, 1.0, 0.5, pytest.approx(0.35, abs=0.06)]
+
+
+def test_what_no_gains_cure_is_not_tried_again() -> None:
+    arm = _Arm(3.0, 4.0, CommissionError)
+    with pytest.raises(CommissionError):
+        bench(arm, []).follow(MOTION)
+    assert arm.tried == [0.7]
