@@ -52,7 +52,7 @@ def run(bench: Bench) -> Outcome:
     levels: list[dict[str, Any]] = []
     recorded: dict[str, Samples] = {}
     stopped, bound, grown = "", np.inf, 0
-    bench.loop.follow(bench.controller(LEVELS[0] * rule), motion)  # Its first motion differs: the observer learns.
+    bench.follow(motion)  # The first motion differs: the observer learns.
     for level in LEVELS:
         try:
             samples = bench.loop.follow(bench.controller(level * rule), motion)
