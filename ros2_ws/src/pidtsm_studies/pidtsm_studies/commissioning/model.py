@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import controller_schema
@@ -14,6 +15,8 @@ _WIDEST = np.pi
 """rad; range to either side of the middle where no limit is described."""
 _SHARE = 0.9
 """Of the range of positions that steps use."""
+_BEYOND = 0.1
+"""rad or m; farther beyond a described limit, no joint is."""
 _QUICKEST = 1.5
 """rad/s or m/s, where the description has no limit of the velocity."""
 
@@ -44,11 +47,17 @@ class ArmModel:
         middle = np.array(self._robot.initial_position)
         given = self._robot.position_limits
         lower, upper = np.array(given).T if given else (middle - _WIDEST, middle + _WIDEST)
+        least, most = np.array(given).T if given else (np.full(joints, -np.inf), np.full(joints, np.inf))
+        self._least, self._most = least - _BEYOND, most + _BEYOND
         lower, upper = np.maximum(lower, middle - _WIDEST), np.minimum(upper, middle + _WIDEST)
         self.lower, self.upper = (middle + _SHARE * (each - middle) for each in (lower, upper))
         quick = self._robot.velocity_limit
         self.velocity = np.minimum(np.array(quick), _QUICKEST) if quick else np.full(joints, _QUICKEST)
         self.slides = np.array(self._robot.slides or [False] * joints)
+
+    def may_be(self, q: Array) -> NDArray[np.bool_]:
+        """Whether each joint may be at the position q by its described limits, both of shape (joints,)."""
+        return np.asarray((q >= self._least) & (q <= self._most))
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Torques of states, each of shape (samples, joints), without friction, likewise."""

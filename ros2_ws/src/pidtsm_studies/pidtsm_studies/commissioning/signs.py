@@ -91,7 +91,7 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
         CommissionError: nothing fits; commands have ceased.
     """
     ones = np.ones(len(model.joints))
-    tries, postures = [_Try(ones, ones, _STIFF)], 0
+    tries, postures = [_Try(_possible(port, model, tell), ones, _STIFF)], 0
     while True:
         guess = tries.pop(0)
         catch = Catch(Wired(port, Wiring(guess.position, ones)), model, guess.stiff, guess.sign.copy(), tell)
@@ -105,6 +105,17 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
                 raise
             tell(f"{error}; once more, with what seems to be inverted")
             tries = tries or _other_tries(guess, catch)
+
+
+def _possible(port: Port, model: ArmModel, tell: Callable[[str], None]) -> Array:
+    """Signs of the positions, shape (joints,): -1 where only that is within the limits of the description."""
+    while (measured := port.sense()) is None:
+        port.act(None)
+    port.act(None)
+    turned = ~model.may_be(measured.position) & model.may_be(-measured.position)
+    for j in np.flatnonzero(turned):
+        tell(f"the position of {model.joints[j]} is inverted: as it is, it is beyond the limits of the description")
+    return np.where(turned, -1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -121,6 +132,8 @@ def _other_tries(guess: _Try, catch: Catch) -> list[_Try]:
     soft = _Try(guess.position, catch.sign, _SOFT)
     if not catch.inverted:
         return [soft]
+    if not catch.model.may_be(-catch.start)[catch.inverted[0]]:
+        return [_Try(guess.position, catch.sign, _STIFF), soft]
     position = guess.position.copy()
     position[catch.inverted[0]] *= -1.0
     return [_Try(guess.position, catch.sign, _STIFF), _Try(position, guess.sign, _STIFF), soft]
@@ -214,7 +227,7 @@ def _explanation(catch: Catch, ways: Array, loaded: Array, may_turn: bool) -> tu
     candidates = [j for j in range(joints) if loaded[j]]
     most = len(candidates) if len(candidates) <= _MOST else 1
     best, chosen = np.inf, (np.ones(joints), np.ones(joints))
-    for turned in range(-1, joints if may_turn else 0):
+    for turned in (-1, *(np.flatnonzero(catch.model.may_be(-catch.start)) if may_turn else ())):
         position = np.where(np.arange(joints) == turned, -1.0, 1.0)
         weight = catch.model.gravity((position * catch.start)[np.newaxis])[0]
         if turned >= 0 and np.all(np.abs(weight - catch.carried) < _DIFFERS * catch.model.effort):
@@ -338,7 +351,7 @@ def _held(catch: Catch) -> Array:
 
 def _which(catch: Catch, hold: Array) -> Wiring:
     """Whether the position or the torque is inverted: only one of them fits the torque that holds the arm."""
-    position = np.ones(hold.size)
+    position, may_turn = np.ones(hold.size), catch.model.may_be(-catch.start)
     for j in np.flatnonzero(catch.sign < 0.0):
         apart = []
         for of_position in (1.0, -1.0):
@@ -349,10 +362,10 @@ def _which(catch: Catch, hold: Array) -> Wiring:
             sign[j] *= of_position
             apart.append(float(np.linalg.norm(sign * hold - held)))
         name = catch.model.joints[j]
-        if apart[1] < 0.5 * apart[0]:
+        if may_turn[j] and apart[1] < 0.5 * apart[0]:
             position[j] = -1.0
             catch.tell(f"{name}: it is the position that counts in the other direction")
-        elif apart[0] < 0.5 * apart[1]:
+        elif not may_turn[j] or apart[0] < 0.5 * apart[1]:
             catch.tell(f"{name}: it is the torque that acts in the other direction")
         else:
             catch.tell(f"{name}: position or torque; turn it by hand and look at which way its position counts")

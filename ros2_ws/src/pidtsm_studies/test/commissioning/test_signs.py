@@ -43,6 +43,21 @@ def test_inverted_joints_are_found_before_anything_moves_far(wiring: Wiring) -> 
         assert any(ArmModel(ARM).joints[j] in text for text in told)
 
 
+@pytest.mark.parametrize("torque", [None, 1], ids=["alone", "with an inverted torque"])
+def test_a_position_beyond_the_limits_is_inverted_from_the_first(torque: int | None) -> None:
+    """The elbow of a Panda has only negative positions."""
+    arm, wiring, told = ArmDefinition("panda").settings(), Wiring.described(7), list[str]()
+    wiring.position[3] = -1.0
+    if torque is not None:
+        wiring.effort[torque] = -1.0
+    hardware = {"rate": 500, "encoder.bits": 17, "friction.coulomb": 1.0}
+    signs = SimulatedArm({**arm, **hardware}, wiring).signs(arm, told.append)
+    assert signs.wiring.position.tolist() == wiring.position.tolist()
+    assert signs.wiring.effort.tolist() == wiring.effort.tolist()
+    assert "panda_joint4 is inverted: as it is, it is beyond the limits" in told[0]
+    assert np.all(signs.moved < FARTHEST)
+
+
 def test_a_joint_that_sticks_is_caught_once_it_breaks_away() -> None:
     """Its rotor, which the description lacks, makes it several times as heavy; friction no longer holds it."""
     wrist = {
