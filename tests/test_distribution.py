@@ -127,3 +127,29 @@ def test_checks_on_github_call_commands_that_exist() -> None:
     assert called >= {"shell", "test", "release", "docs"}
     known = subprocess.check_output([sys.executable, "-m", "pidtsm_experiments.cli", "--help"], text=True)
     assert all(re.search(rf"^ +{command} ", known, re.MULTILINE) for command in called)
+
+
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+
+
+@pytest.mark.parametrize("workflow", WORKFLOWS, ids=lambda file: file.stem)
+def test_checks_on_github_use_only_pinned_code_of_others(workflow: Path) -> None:
+    """A tag can be moved to other code; a commit cannot. The comment is for readers and for Dependabot."""
+    used = re.findall(r"^[- ]*uses: *(.+)$", workflow.read_text("utf-8"), re.MULTILINE)
+    jobs = yaml.safe_load(workflow.read_text("utf-8"))["jobs"].values()
+    parsed = [part["uses"] for job in jobs for part in (job, *job.get("steps", ())) if "uses" in part]
+    assert parsed
+    assert len(used) == len(parsed)
+    foreign = [one for one in used if not one.startswith("./")]
+    assert [one for one in foreign if not re.fullmatch(r"[\w./-]+@[0-9a-f]{40}  # v\d+\.\d+\.\d+", one)] == []
+
+
+def test_the_same_code_has_the_same_pin_everywhere() -> None:
+    used = {one for file in WORKFLOWS for one in re.findall(r"uses: (\S+@.+)", file.read_text("utf-8"))}
+    assert sorted({one.partition("@")[0] for one in used}) == sorted(one.partition("@")[0] for one in used)
+
+
+def test_new_versions_of_what_is_pinned_are_proposed_each_week() -> None:
+    updates = yaml.safe_load((ROOT / ".github" / "dependabot.yml").read_text("utf-8"))["updates"]
+    assert {one["package-ecosystem"] for one in updates} == {"github-actions", "pip"}
+    assert {(one["directory"], one["schedule"]["interval"]) for one in updates} == {("/", "weekly")}
