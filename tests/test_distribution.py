@@ -19,8 +19,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
 from distribution.audit import audit  # noqa: E402
-from distribution.tools import SUPPORTED, DistributionError, outside, pythons, tools  # noqa: E402
+from distribution.tools import SUPPORTED, DistributionError, call, emptied, outside, pythons, tools  # noqa: E402
 from distribution.version import find_differences  # noqa: E402
+from release import FILES, run  # noqa: E402
 
 ALONE = ("unshare", "--map-root-user", "--net")
 """Runs a command in a network namespace of its own, where nothing is to be reached."""
@@ -119,6 +120,54 @@ def test_an_audit_names_a_vulnerable_package(tmp_path: Path, advisories: tuple[s
 def test_an_audit_without_a_database_is_none(tmp_path: Path) -> None:
     nowhere = ("--vulnerability-service=osv", "--osv-url=http://127.0.0.1:9")
     assert "not audited" in audit(lock_of(tmp_path, "leaky"), tools("release"), *nowhere)
+
+
+def test_an_audit_names_the_packages_that_the_database_does_not_have(tmp_path: Path) -> None:
+    program = tmp_path / "pip-audit"
+
+    def audited(*found: dict[str, object]) -> str:
+        program.write_text(f"#!/bin/sh\necho '{json.dumps({'dependencies': found})}'\n", "utf-8")
+        program.chmod(0o755)
+        return audit(tmp_path / "some.lock", tmp_path)
+
+    known = {"name": "known", "version": "1.0", "vulns": []}
+    strange = {"name": "strange", "skip_reason": "not found"}
+    shown = audited(known, strange)
+    assert shown == "some.lock: no known vulnerability in 1 packages; not in the database, so not audited: strange"
+    assert audited(strange) == "some.lock: not audited (none of its 1 packages is in the database)"
+
+
+def test_a_release_goes_on_after_a_step_that_fails(capsys: pytest.CaptureFixture[str]) -> None:
+    def fails() -> str:
+        return call("pidtsm-no-such-program", environment=outside())
+
+    assert run({"first": fails, "second": lambda: "second: well"}) == ["first"]
+    shown = capsys.readouterr().err
+    assert "pidtsm: first failed: this needs the program pidtsm-no-such-program, which is not here\n" in shown
+    assert shown.endswith("pidtsm: second: well\n")
+
+
+@pytest.mark.parametrize("command", ["release", "bundle", "docs"])
+def test_a_folder_with_files_of_others_is_not_emptied(command: str, tmp_path: Path) -> None:
+    (tmp_path / "SHA256SUMS").touch()
+    (tmp_path / "thesis.tex").touch()
+    words = [sys.executable, str(ROOT / "scripts" / f"{command}.py"), "--out", str(tmp_path)]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "not of an earlier call: name an empty folder" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert {file.name for file in tmp_path.iterdir()} == {"SHA256SUMS", "thesis.tex"}
+
+
+def test_what_an_earlier_call_left_is_removed(tmp_path: Path) -> None:
+    out = tmp_path / "new" / "dist"
+    assert list(emptied(out, FILES).iterdir()) == []
+    for name in ("SHA256SUMS", "pidtsm-0.1.0.tar.gz", "pidtsm-0.1.0-py3-none-any.whl", "pidtsm-0.1.0.cdx.json"):
+        (out / name).touch()
+    assert list(emptied(out, FILES).iterdir()) == []
+    (tmp_path / "file").touch()
+    with pytest.raises(DistributionError, match="file cannot be written: File exists"):
+        emptied(tmp_path / "file", FILES)
 
 
 def test_checks_on_github_call_commands_that_exist() -> None:
