@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from distribution.audit import audit
+from distribution.ros_packages import archive
 from distribution.tools import (
     ROOT,
     SUPPORTED,
@@ -63,7 +64,7 @@ def _release(out: Path, wanted: list[str] | None, quick: bool) -> None:
     chosen = wanted or list(known)
     steps: dict[str, Callable[[], str]] = {
         "the audit": lambda: audit(ROOT / "requirements" / "wheels.lock", tools("release")),
-        "the ROS packages": lambda: _archive(out / f"pidtsm-ros-{version(ROOT)}.tar.gz"),
+        "the ROS packages": lambda: archive(out / f"pidtsm-ros-{version(ROOT)}.tar.gz"),
     }
     for each in chosen:
         bill = out / f"pidtsm-{version(ROOT)}.cdx.json" if each == chosen[-1] else None
@@ -93,20 +94,6 @@ def run(steps: Mapping[str, Callable[[], str]]) -> list[str]:
             _say(f"{name} failed: {error}")
             failed.append(name)
     return failed
-
-
-def _archive(file: Path) -> str:
-    """Write the ROS packages of the last commit; returns a sentence.
-
-    Raises:
-        DistributionError: this is no checkout, or there is no git.
-    """
-    packages = ["LICENSE", "README.md", "CHANGELOG.md", "ros2_ws/src"]
-    changed = call("git", "status", "--porcelain", "--", *packages, "pyproject.toml", environment=outside())
-    prefix = f"--prefix={file.name.removesuffix('.tar.gz')}/"
-    call("git", "archive", prefix, "-o", file, "HEAD", *packages, environment=outside())
-    differs = ", while the wheel has changes that are not committed" if changed else ""
-    return f"{file.name}: those of the last commit{differs}"
 
 
 def build(out: Path) -> Path:

@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
 from distribution.audit import audit  # noqa: E402
+from distribution.ros_packages import build_packages  # noqa: E402
 from distribution.tools import SUPPORTED, DistributionError, call, emptied, outside, pythons, tools  # noqa: E402
 from distribution.version import find_differences  # noqa: E402
 from release import FILES, run  # noqa: E402
@@ -145,6 +146,35 @@ def test_a_release_goes_on_after_a_step_that_fails(capsys: pytest.CaptureFixture
     shown = capsys.readouterr().err
     assert "pidtsm: first failed: this needs the program pidtsm-no-such-program, which is not here\n" in shown
     assert shown.endswith("pidtsm: second: well\n")
+
+
+def test_ros_packages_that_cannot_be_built_are_no_release(tmp_path: Path) -> None:
+    file = tmp_path / "small-1.0.tar.gz"
+
+    def packed(setup: str) -> Path:
+        package = tmp_path / "small-1.0" / "ros2_ws" / "src" / "small"
+        (package / "small").mkdir(parents=True, exist_ok=True)
+        (package / "small" / "__init__.py").touch()
+        (package / "resource").mkdir(exist_ok=True)
+        (package / "resource" / "small").touch()
+        (package / "setup.py").write_text(setup, "utf-8")
+        (package / "package.xml").write_text(
+            '<package format="3"><name>small</name><version>1.0.0</version><description>-</description>'
+            '<maintainer email="a@b.example">a</maintainer><license>none</license>'
+            "<export><build_type>ament_python</build_type></export></package>",
+            "utf-8",
+        )
+        subprocess.run(["tar", "-czf", file, "-C", tmp_path, "small-1.0"], check=True)
+        return file
+
+    setup = "from setuptools import setup\nsetup(name='small', version='1.0.0', packages=['small'])\n"
+    assert build_packages(packed(setup)) == 1
+    with pytest.raises(DistributionError, match="ModuleNotFoundError: No module named 'small'"):
+        build_packages(packed(setup.replace("['small']", "[]")))
+    with pytest.raises(DistributionError, match=r"colcon build .*: exit code 1\n"):
+        build_packages(packed("setup("))
+    with pytest.raises(DistributionError, match=r"none-1\.0\.tar\.gz: exit code 2\n"):
+        build_packages(tmp_path / "none-1.0.tar.gz")
 
 
 @pytest.mark.parametrize("command", ["release", "bundle", "docs"])
