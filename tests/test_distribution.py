@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -126,7 +126,7 @@ def test_an_audit_without_a_database_is_none(tmp_path: Path) -> None:
 def test_an_audit_names_the_packages_that_the_database_does_not_have(tmp_path: Path) -> None:
     program = tmp_path / "pip-audit"
 
-    def audited(*found: dict[str, object]) -> str:
+    def audited(*found: Mapping[str, object]) -> str:
         program.write_text(f"#!/bin/sh\necho '{json.dumps({'dependencies': found})}'\n", "utf-8")
         program.chmod(0o755)
         return audit(tmp_path / "some.lock", tmp_path)
