@@ -10,8 +10,8 @@ import shutil
 import sys
 from pathlib import Path
 
-from distribution.tools import ROOT, DistributionError, call, outside, pythons
-from release import build
+from distribution.tools import ROOT, DistributionError, call, emptied, outside, pythons
+from release import FILES, build
 
 _INSTALL = """#!/bin/sh
 # Installs pidtsm from this folder, without network: sh install.sh [FOLDER of the environment, default: pidtsm-env]
@@ -47,7 +47,7 @@ def _bundle(out: Path, version: str) -> None:
     known = pythons()
     if version not in known:
         raise DistributionError(f"no Python {version} here, to choose its wheels; found: {', '.join(known)}")
-    wheel = build(out)
+    wheel = build(emptied(out, rf"{FILES}|wheels|install\.sh|LICENSE"))
     wheels = out / "wheels"
     for file in out.glob("*.tar.gz"):
         file.unlink()

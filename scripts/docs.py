@@ -14,6 +14,9 @@ from pathlib import Path
 from distribution.pages import collect
 from distribution.tools import ROOT, DistributionError, call, outside, tools
 
+_SCRIPT = "mermaid.min.js"
+"""Each site has it; MkDocs empties the folder of an earlier one."""
+
 
 def main(arguments: list[str]) -> int:
     """Returns the exit code: 0 all is well, 1 the site cannot be built."""
@@ -41,13 +44,16 @@ def build(out: Path) -> None:
     """Build the site in a folder; any warning is an error.
 
     Raises:
-        DistributionError: MkDocs warns or fails, an example fails, or the tools cannot be installed.
+        DistributionError: MkDocs warns or fails, an example fails, the tools cannot be installed, or the folder has
+            something else, which must not be lost.
     """
+    if out.exists() and not (out / _SCRIPT).exists() and (not out.is_dir() or any(out.iterdir())):
+        raise DistributionError(f"{out} has something that is not of an earlier call: name an empty folder")
     programs = tools("docs")
     with tempfile.TemporaryDirectory() as text:
         pages = Path(text, "pages")
         collect(pages, programs)
-        (pages / "mermaid.min.js").write_bytes(_mermaid())
+        (pages / _SCRIPT).write_bytes(_mermaid())
         environment = {**outside(), "PIDTSM_PAGES": str(pages), "PIDTSM_SITE": str(out), "NO_MKDOCS_2_WARNING": "1"}
         call(programs / "mkdocs", "build", "--strict", environment=environment)  # --quiet would hide warnings from it.
 

@@ -7,15 +7,29 @@ checksums.
 import argparse
 import hashlib
 import json
-import shutil
 import sys
 import tempfile
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 from distribution.audit import audit
-from distribution.tools import ROOT, DistributionError, call, make_environment, outside, pythons, tools
+from distribution.ros_packages import archive
+from distribution.tools import (
+    ROOT,
+    SUPPORTED,
+    DistributionError,
+    call,
+    emptied,
+    make_environment,
+    outside,
+    pythons,
+    tools,
+)
 from distribution.version import find_differences, version
 
+FILES = r"pidtsm-.*\.(whl|tar\.gz|cdx\.json)|SHA256SUMS"
+"""Fits the names of the files that it writes."""
 _UNFIT = ".example"
 """Ends addresses that nobody has."""
 
@@ -36,23 +50,32 @@ def main(arguments: list[str]) -> int:
 
 
 def _release(out: Path, wanted: list[str] | None, quick: bool) -> None:
+    """Do all steps, also those after one that fails, and tell what could not be tried.
+
+    Raises:
+        DistributionError: nothing can be released, or steps have failed; their texts are shown by then.
+    """
     if differing := find_differences(ROOT):
         raise DistributionError(f"the version is {version(ROOT)}, but not in {', '.join(differing)}")
     known = pythons()
     if missing := set(wanted or ()) - known.keys():
         raise DistributionError(f"no Python {', '.join(sorted(missing))} here; found: {', '.join(known)}")
-    _say(audit(ROOT / "requirements" / "wheels.lock", tools("release")))
-    wheel = build(out)
-    ros = out / f"pidtsm-ros-{version(ROOT)}.tar.gz"
-    _say(f"{ros.name}: the ROS packages of the last commit")
-    packages = ["LICENSE", "README.md", "CHANGELOG.md", "ros2_ws/src"]
-    prefix = f"--prefix={ros.name.removesuffix('.tar.gz')}/"
-    call("git", "archive", prefix, "-o", ros, "HEAD", *packages, environment=outside())
+    wheel = build(emptied(out, FILES))
     chosen = wanted or list(known)
+    steps: dict[str, Callable[[], str]] = {
+        "the audit": lambda: audit(ROOT / "requirements" / "wheels.lock", tools("release")),
+        "the ROS packages": lambda: archive(out / f"pidtsm-ros-{version(ROOT)}.tar.gz"),
+    }
     for each in chosen:
         bill = out / f"pidtsm-{version(ROOT)}.cdx.json" if each == chosen[-1] else None
-        _try(wheel, each, known[each], bill, short=quick or each != chosen[-1])
-    files = sorted(file for file in out.iterdir() if file.name != "SHA256SUMS")
+        short = quick or each != chosen[-1]
+        steps[f"Python {each}"] = partial(_try, wheel, each, known[each], bill, short=short)
+    failed = run(steps)
+    if untried := [] if wanted else [each for each in SUPPORTED if each not in known]:
+        _say(f"not tried: Python {', '.join(untried)}, which this machine does not have")
+    if failed:
+        raise DistributionError(f"no release, {len(failed)} of {len(steps)} steps failed: {', '.join(failed)}")
+    files = sorted(out.iterdir())
     sums = [f"{hashlib.sha256(file.read_bytes()).hexdigest()}  {file.name}\n" for file in files]
     (out / "SHA256SUMS").write_text("".join(sums), "utf-8")
     print("".join(sums), end="")
@@ -60,14 +83,26 @@ def _release(out: Path, wanted: list[str] | None, quick: bool) -> None:
         _say("before it is published: package.xml needs the maintainers' address, pyproject.toml the project's URL")
 
 
+def run(steps: Mapping[str, Callable[[], str]]) -> list[str]:
+    """Do all steps, each of which returns a sentence to be shown, and return the names of those that failed."""
+    failed = []
+    for name, step in steps.items():
+        _say(f"{name} ...")
+        try:
+            _say(step())
+        except DistributionError as error:
+            _say(f"{name} failed: {error}")
+            failed.append(name)
+    return failed
+
+
 def build(out: Path) -> Path:
-    """Build the source archive and, from it, the wheel, in an empty folder; returns the wheel.
+    """Build the source archive and, from it, the wheel, in an empty folder (see `emptied`); returns the wheel.
 
     Raises:
         DistributionError: a build or a check of its metadata fails.
     """
     programs = tools("release")
-    shutil.rmtree(out, ignore_errors=True)
     built = call(programs / "python", "-m", "build", "--no-isolation", "--outdir", out, environment=outside())
     _say(built.splitlines()[-1])
     files = sorted(out.iterdir())
@@ -76,8 +111,11 @@ def build(out: Path) -> Path:
     return next(file for file in files if file.suffix == ".whl")
 
 
-def _try(wheel: Path, name: str, python: Path, bill: Path | None, *, short: bool) -> None:
+def _try(wheel: Path, name: str, python: Path, bill: Path | None, *, short: bool) -> str:
     """Install the wheel in an empty environment and use it; write what it brings along to a file `bill`.
+
+    Returns:
+        A sentence with the processor times.
 
     Raises:
         DistributionError: something fails.
@@ -93,7 +131,7 @@ def _try(wheel: Path, name: str, python: Path, bill: Path | None, *, short: bool
         words = [installed, smoke, ROOT / "README.md", *(["--short"] if short else [])]
         times = json.loads(call(*words, environment=outside(), cwd=folder / "empty").splitlines()[-1])
     shown = ", ".join(f"{command} {seconds} s" for command, seconds in times.items())
-    _say(f"Python {name}, processor times: {shown}")
+    return f"Python {name}, processor times: {shown}"
 
 
 def _say(text: str) -> None:

@@ -31,7 +31,8 @@ def audit(lock: Path, programs: Path, *options: str) -> str:
     ]
     if bad:
         raise DistributionError(f"{lock.name} has known vulnerabilities: " + "; ".join(bad))
-    unknown = sum("skip_reason" in each for each in found)
-    if unknown:
-        return f"{lock.name}: not audited ({unknown} of {len(found)} packages are not in the database)"
-    return f"{lock.name}: no known vulnerability in {len(found)} packages"
+    unknown = [each["name"] for each in found if "skip_reason" in each]
+    if len(unknown) == len(found):
+        return f"{lock.name}: not audited (none of its {len(found)} packages is in the database)"
+    known = f"{lock.name}: no known vulnerability in {len(found) - len(unknown)} packages"
+    return known + (f"; not in the database, so not audited: {', '.join(unknown)}" if unknown else "")

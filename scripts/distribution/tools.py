@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -32,19 +33,43 @@ def call(*words: object, environment: Mapping[str, str], cwd: Path = ROOT, code:
     """Run a command and return its output, standard error included.
 
     Raises:
-        DistributionError: it does not end with this exit code.
+        DistributionError: it does not end with this exit code, or is not there.
     """
-    done = subprocess.run(
-        [str(word) for word in words],
-        env=environment,
-        cwd=cwd,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    line = [str(word) for word in words]
+    try:
+        done = subprocess.run(
+            line, env=environment, cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+    except FileNotFoundError as error:
+        raise DistributionError(f"this needs the program {line[0]}, which is not here") from error
     if done.returncode != code:
         raise DistributionError(f"{' '.join(map(str, words))}: exit code {done.returncode}\n{done.stdout[-4000:]}")
     return done.stdout
+
+
+def emptied(folder: Path, ours: str) -> Path:
+    """Make a folder for results, or empty that of an earlier call; returns it.
+
+    Args:
+        folder: as the user names it.
+        ours: a regular expression that fits all names which an earlier call leaves in it.
+
+    Raises:
+        DistributionError: it has something else, which must not be lost, or cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        found = list(folder.iterdir())
+        if foreign := sorted(file.name for file in found if not re.fullmatch(ours, file.name)):
+            raise DistributionError(f"{folder} has {foreign[0]}, which is not of an earlier call: name an empty folder")
+        for file in found:
+            if file.is_dir():
+                shutil.rmtree(file)
+            else:
+                file.unlink()
+    except OSError as error:
+        raise DistributionError(f"{folder} cannot be written: {error.strerror}") from error
+    return folder
 
 
 def tools(name: str) -> Path:
