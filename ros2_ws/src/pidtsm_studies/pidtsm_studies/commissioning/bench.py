@@ -21,7 +21,9 @@ FIRMNESS = "firmness"
 """Name of a figure of each step: see `Bench.firmness`."""
 CAUTION = 0.7
 """Share of the bandwidth of the rule that the first step begins with."""
-_OTHERS = (1.0, 1.4, 0.5, 0.35)
+FIRMEST = 1.4
+"""The largest share that is tried if no other has followed."""
+_OTHERS = (1.0, FIRMEST, 0.5, 0.35)
 """Shares that are tried, in this order, when the controller has stopped the arm: friction needs a firm one most often.
 """
 _SURELY = 0.8

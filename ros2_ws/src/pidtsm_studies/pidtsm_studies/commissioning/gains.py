@@ -6,7 +6,7 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.arm import CommissionError
-from pidtsm_studies.commissioning.bench import Bench, Outcome, Plan, safeguards
+from pidtsm_studies.commissioning.bench import FIRMEST, Bench, Outcome, Plan, safeguards
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.motions import Motion, periodic
 
@@ -45,19 +45,20 @@ def run(bench: Bench) -> Outcome:
     """See `session.STEPS`.
 
     Raises:
-        CommissionError: even the slowest controller fails.
+        CommissionError: no controller follows.
     """
     model, motion, rule = bench.model(), _motion(bench), bench.bandwidth()
     allowed = np.minimum(_ROUGH_SHARE * model.effort, _ROUGH)
     levels: list[dict[str, Any]] = []
     recorded: dict[str, Samples] = {}
-    stopped, bound, grown = "", np.inf, 0
+    stopped, bound, grown, too_soft = "", np.inf, 0, False
     bench.follow(motion)  # The first motion differs: the observer learns.
     for level in LEVELS:
         try:
             samples = bench.loop.follow(bench.controller(level * rule), motion)
         except CommissionError as reason:
-            if level < bench.firmness:  # Too slow for friction; the steps before were faster.
+            if not levels and level < FIRMEST:  # Too slow for friction.
+                too_soft = True
                 continue
             stopped, bound = str(reason), BACK * levels[-1]["level"] if levels else 0.0
             break
@@ -77,10 +78,10 @@ def run(bench: Bench) -> Outcome:
             stopped, bound = "the error grew again", BACK * level
             break
     if not levels:
-        raise CommissionError(f"even the slowest controller fails: {stopped}")
+        raise CommissionError(f"neither slow nor fast controllers follow: {stopped}")
     # A faster one that follows no better only costs.
     best = min(levels, key=lambda each: float(each["mean_error"]))["level"]
-    chosen = float(min(bound, best))
+    chosen = float(max(min(bound, best), levels[0]["level"] if too_soft else 0.0))
     gains = bench.gains(chosen * rule)
     why = f"{chosen:.2g} times the rule's" + (f": above, {stopped}" if stopped else ", which followed best")
     parameters = {
