@@ -132,8 +132,10 @@ class Loop:
             if controller.fault:
                 self._desired = None
                 self._come_to_rest(controller)
-                error = StoppedError if controller.fault in _OF_GAINS else CommissionError
-                raise error(f"the controller has stopped the arm: {self._cause(controller, settings)}")
+                text = f"the controller has stopped the arm: {self._cause(controller, settings)}"
+                if controller.fault in _OF_GAINS:
+                    raise StoppedError(text)
+                raise CommissionError(text)
             begin += time < way.duration
             # Delays may bring no joint state in this sample; the drives keep the last torque.
             measured = self._sense()
