@@ -65,7 +65,7 @@ def run(bench: Bench) -> Outcome:
         bench.described()
     except UsageError as error:
         return Outcome("the description stays: it has no bodies to correct", {}, [str(error)])
-    samples = bench.follow(_motion(bench), _QUICK, _LOOSE, _LOOSE)
+    samples = bench.follow(_motion(bench), velocity=_QUICK, error=_LOOSE, again=_LOOSE)
     moved, model = samples.motion, bench.model(identified=False)
     measurement = Measurement(
         model.joints, moved.time, moved.position, moved.effort, np.full(len(model.joints), np.inf)
