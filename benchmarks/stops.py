@@ -3,6 +3,7 @@
     ./pidtsm shell -c "python benchmarks/stops.py --stops 20000"
     ./pidtsm shell -c "python benchmarks/stops.py --case 23"
     ./pidtsm shell -c "python benchmarks/stops.py --alarms 2000"
+    ./pidtsm shell -c "python benchmarks/stops.py --rotors 1000"
 
 Each case is a random arm, law, set of parameters, hardware and cause of a stop, and follows from --seed and its index
 alone (tests/support/stopcases.py). A stop is judged by the true motion of the arm (tests/support/stopjudge.py says
@@ -35,7 +36,12 @@ import pidtsm_core
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 
-from support.stopcases import Case, case_of, ordinary_case_of  # In the folder of the tests, as the next one.
+from support.stopcases import (  # In the folder of the tests, as the next ones.
+    Case,
+    case_of,
+    case_with_unknown_rotors_of,
+    ordinary_case_of,
+)
 from support.stopjudge import CRITERIA, Allowed, Outcome, energy, judge
 from support.stoprun import Run
 from support.stopwhy import CHOICES, CONDITIONS, OTHERS, explain
@@ -45,7 +51,11 @@ _CHUNK = 10
 """Cases that a process judges before it reports."""
 _SHOWN = 40
 """Exceptions that are printed without --all."""
-_MAKERS: dict[str, Callable[[int, int], Case]] = {"stops": case_of, "alarms": ordinary_case_of}
+_MAKERS: dict[str, Callable[[int, int], Case]] = {
+    "stops": case_of,
+    "rotors": case_with_unknown_rotors_of,
+    "alarms": ordinary_case_of,
+}
 
 
 def judged(search: str, seed: int, indices: Iterable[int]) -> list[dict[str, Any]]:
@@ -54,7 +64,7 @@ def judged(search: str, seed: int, indices: Iterable[int]) -> list[dict[str, Any
     for index in indices:
         run = Run(_MAKERS[search](seed, index))
         outcome = judge(run)
-        if outcome.stopped and outcome.why and search == "stops":
+        if outcome.stopped and outcome.why and search != "alarms":
             outcome = replace(outcome, explanation=explain(run))
         outcomes.append(outcome.as_dict)
     return outcomes
@@ -97,7 +107,11 @@ class Search:
     @property
     def counted(self) -> int:
         """Stops, or runs in the search for false alarms."""
-        return sum(o.stopped for o in self.outcomes.values()) if self._name == "stops" else len(self.outcomes)
+        return len(self.outcomes) if self._name == "alarms" else sum(o.stopped for o in self.outcomes.values())
+
+    def case(self, index: int) -> Case:
+        """The case of an index."""
+        return _MAKERS[self._name](self._seed, index)
 
     def go_on(self, wanted: int, jobs: int) -> None:
         """Judge cases until as many count as wanted; Ctrl-C ends it."""
@@ -228,7 +242,7 @@ def _report_stops(search: Search, options: argparse.Namespace) -> bool:
     if options.worst:
         with options.worst_file.open("w", encoding="utf-8") as file:
             for outcome in [o for o in found if not o.blind][: options.worst]:
-                file.write(case_of(options.seed, outcome.index).text + "\n")
+                file.write(search.case(outcome.index).text + "\n")
     if options.list:
         _write_list([outcome for outcome in found if outcome.stopped], options.list)
     if options.json:
@@ -290,6 +304,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--stops", type=int, default=20_000, metavar="N", help="search until there are N stops")
     parser.add_argument("--alarms", type=int, metavar="N", help="instead: N ordinary runs, in which nothing may stop")
+    parser.add_argument("--rotors", type=int, metavar="N", help="instead: N stops of arms with unknown rotors")
     parser.add_argument("--seed", type=int, default=1, help="another seed has other cases")
     parser.add_argument("--jobs", type=int, default=2, help="processes; -1: one per core")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "stops", help="folder of the files of results")
@@ -306,7 +321,7 @@ def _options() -> argparse.Namespace:
 def main() -> None:
     """Search, and print what was found; exit code 1 if a stop is bad."""
     options = _options()
-    name = "stops" if options.alarms is None else "alarms"
+    name = next((name for name in ("alarms", "rotors") if getattr(options, name) is not None), "stops")
     if options.case is not None:
         show(_MAKERS[name](options.seed, options.case))
         return
@@ -317,8 +332,8 @@ def main() -> None:
         _print_exceptions(exceptions(outcomes), options.all)
         sys.exit(any(outcome.why for outcome in outcomes))
     search = Search(name, options.seed, options.out / f"{name}-{options.seed}-{version()}.jsonl")
-    search.go_on(options.stops if name == "stops" else options.alarms, options.jobs)
-    bad = (_report_stops if name == "stops" else _report_alarms)(search, options)
+    search.go_on(getattr(options, name), options.jobs)
+    bad = (_report_alarms if name == "alarms" else _report_stops)(search, options)
     sys.exit(bad)
 
 

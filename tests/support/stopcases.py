@@ -5,7 +5,7 @@ so that a case remains the same when the generator changes.
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -24,6 +24,8 @@ _SHARES = {"pendulum": 0.14, "crane": 0.14, "two_link": 0.16}
 RATES = (100, 200, 250, 500, 1000, 2000)
 _CAUSE = (0.9, 1.5)
 """s; when the cause of the stop happens."""
+_ROTORS, _FRICTION = 0.005, 0.1
+"""Inertia of rotors, kg m^2 per N m of the effort limit, as on geared arms; Coulomb friction, as a share of it."""
 _AFTER = 2.5
 """s of a case after the stop."""
 _WAIT = 0.8
@@ -100,6 +102,23 @@ def case_of(seed: int, index: int) -> Case:
         draft.pushes((0.1, 5.0), after=float(random.uniform(0.6, 1.5)))
     extra = _second_glitch(draft) if random.random() < 0.1 else {}
     return _case(draft, (seed, index), name, cause, kind | extra)
+
+
+def case_with_unknown_rotors_of(seed: int, index: int) -> Case:
+    """The case of `case_of` on an arm of which the description lacks the rotors, as most do, and the friction.
+
+    Closed forms have no rotors: they keep their case.
+    """
+    case = case_of(seed, index)
+    if case.arm not in SHIPPED or case.arm == "two_link":
+        return case
+    limits = ARMS[case.arm].limits
+    unknown = {
+        "robot.armature": (_ROTORS * limits).tolist(),
+        "friction.coulomb": (_FRICTION * limits).tolist(),
+        "friction.stribeck_velocity": 0.05,
+    }
+    return replace(case, simulator=case.simulator | unknown)
 
 
 def ordinary_case_of(seed: int, index: int) -> Case:

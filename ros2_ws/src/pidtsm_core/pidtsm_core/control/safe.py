@@ -17,7 +17,7 @@ from pidtsm_core.control.stopping import DETOUR, SLOWEST, begin_hold, learn, res
 from pidtsm_core.control.supervision import damp_inertia, gives_up, supervise
 from pidtsm_core.control.trust import is_doubtful, reverse, used_position
 from pidtsm_core.robots import inverse_dynamics
-from pidtsm_core.signals import Signal, Status, Stop
+from pidtsm_core.signals import Fault, Signal, Status, Stop
 from pidtsm_core.timing import NANOSECONDS, seconds
 
 _CUTOFF = 10.0
@@ -29,6 +29,9 @@ _SETTLES, _WEIGHS, _WEIGHING = 0.03, 0.3, 2.0
 """s, s; the load is weighed between these times after the stop. Rate, relative to the bandwidth of the hold."""
 _LONGEST_PERIOD = NANOSECONDS // 300
 """ns; an arm that is measured less often is not weighed."""
+_ASTRAY, _GOES_ON, _DROPS = 0.02, 0.1, 2.0
+"""rad; distance of a joint from its place beyond which what was learnt may drive it away. Least velocity of a joint
+that goes on, relative to that at the stop. Rate at which what drives it fades, relative to the bandwidth."""
 _MOVES = 0.001
 """rad; largest way that the difference between the last command and the safe effort alone would move the arm."""
 _SHARE_OF_RATE = 0.5
@@ -167,6 +170,7 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
         add_offset(config, efforts, 1.0)
         if state.times[Time.PERIOD] <= _LONGEST_PERIOD:
             weigh_load(config, state, dt)
+        _drop_what_drives_away(state, dt)
         pull = state.accelerations[1]
         for j in range(pull.size):
             e, de = hold[Hold.POSITION, j] - state.desired[0, j], hold[Hold.VELOCITY, j] - state.desired[1, j]
@@ -180,6 +184,30 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
     limit_effort(config, state)
     go_gently(config, state, stamp, begins)
     _integrate(state, dt)
+
+
+@inlined
+def _drop_what_drives_away(state: ControllerState, dt: float) -> None:
+    """Let what was learnt fade where a joint goes on in its direction: friction and inertia do not hold the arm.
+
+    If the joint then falls beyond its place, it was a load after all, and returns. After a gap, the velocity at the
+    stop is not known.
+    """
+    if state.status[Status.FAULT] == Fault.STATE_STALE:
+        return
+    hold, passed = state.hold, -math.expm1(-_DROPS * state.hold_bandwidth[0] * dt)
+    for j in range(state.measured.size):
+        e, de = hold[Hold.POSITION, j] - state.desired[0, j], hold[Hold.VELOCITY, j] - state.desired[1, j]
+        learnt, dropped, before = hold[Hold.LEARNT, j], hold[Hold.DROPPED, j], hold[Hold.BEFORE, j]
+        if is_doubtful(state, j) or abs(e) < _ASTRAY or e * de < 0.0:
+            continue
+        change = 0.0
+        if e * learnt > 0.0 and de * before > _GOES_ON * before * before and hold[Hold.WEIGHED, j] < _WEIGHS:
+            change = passed * learnt
+        elif e * dropped < 0.0:
+            change = -passed * dropped
+        hold[Hold.DROPPED, j] += change
+        hold[Hold.LEARNT, j] -= change
 
 
 @part

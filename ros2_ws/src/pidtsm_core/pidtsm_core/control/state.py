@@ -109,6 +109,7 @@ class Hold(IntEnum):
     NET = 21  # effort beyond what the model needs at rest, filtered as its velocity, N m
     LAST = 22  # its velocity at the last sample, rad/s
     DAMPED = 23  # 1: SIGN was changed because damping has accelerated it
+    DROPPED = 24  # what of LEARNT was dropped because it drove the joint away, N m
 
 
 class Still(IntEnum):

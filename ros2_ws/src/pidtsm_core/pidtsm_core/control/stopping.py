@@ -94,7 +94,7 @@ def begin_hold(config: ControllerConfig, state: ControllerState, stamp: int) -> 
         fastest = max(fastest, abs(velocity))
         if conditions[Condition.HELD] == Held.NOT:
             state.hold[Hold.BEFORE, j] = velocity
-            state.hold[Hold.WEIGHED, j] = state.hold[Hold.DAMPED, j] = 0.0
+            state.hold[Hold.WEIGHED, j] = state.hold[Hold.DAMPED, j] = state.hold[Hold.DROPPED, j] = 0.0
         state.hold[Hold.VELOCITY, j] = velocity
         state.hold[Hold.POSITION, j] = position
         state.desired[0, j] = position
