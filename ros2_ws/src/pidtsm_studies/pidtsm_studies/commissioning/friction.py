@@ -1,6 +1,7 @@
 """Step 4: friction of each joint, from slow sweeps in both directions."""
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
@@ -20,12 +21,16 @@ _PARTS = 5
 """Parts of the sweeps whose friction tells how sure it is."""
 _LOOSE = 0.6
 """rad; tracking error at which an arm that friction has held is stopped."""
-_STICKS, _STICKS_SHARE = 1.8, 0.03
-"""A joint sticks if it takes so many times its Coulomb friction, and so much of its limit, to break away. Gears take
-1.2 times, and the controller goes beyond that before the motion shows.
+_STICKS_SHARE, _OF_OTHERS, _OF_SLIDING = 0.05, 1.6, 1.3
+"""A joint sticks if it takes so much of its torque limit to break away, so many times the share of the other joints,
+and so many times what it takes to slide slowly. Gears take 1.2 times, and the controller goes beyond that.
 """
-_BEGINS, _MOVED = 0.5, 0.0005
-"""s from the begin of a sweep in which the joint breaks away, and the way after which it has, rad or m."""
+_ALONE = 1.8
+"""The last one, of an arm with one joint."""
+_STAND, _MOVED, _LEAVES = 0.1, 0.0005, 3.0
+"""s, in which a joint that stands moves less than this, rad or m, or than what noise moves it; and how many times as
+far it moves in half that time when it breaks away.
+"""
 
 
 def _motion(bench: Bench) -> Motion:
@@ -53,11 +58,12 @@ def run(bench: Bench) -> Outcome:
     for j in range(joints):
         coulomb[j], viscous[j], half[j] = _friction(rest[sliding, j], dq[sliding, j], place[sliding])
         breakaway[j] = _breakaway(rest[:, j], swept, j, place, sliding, bench.rate)
+    slides = coulomb + viscous * np.array([_slow(np.abs(dq[sliding, j])) for j in range(joints)])
     problems = [
-        f"{model.joints[j]} needs {breakaway[j]:.3g} to break away and {coulomb[j]:.3g} to slide: expect it to stick"
-        for j in range(joints)
-        if breakaway[j] > _STICKS * coulomb[j] and breakaway[j] > _STICKS_SHARE * model.effort[j]
+        f"{model.joints[j]} needs {breakaway[j]:.3g} to break away and {slides[j]:.3g} to slide: expect it to stick"
+        for j in sticking(breakaway / model.effort, slides / model.effort)
     ]
+    breakaway[np.isnan(breakaway)] = 0.0
     figures = {
         "coulomb": coulomb.tolist(),
         "half_interval": half.tolist(),
@@ -84,17 +90,45 @@ def _friction(rest: Array, dq: Array, place: Array) -> tuple[float, float, float
     return max(float(coulomb), 0.0), max(float(viscous), 0.0), 2.0 * spread
 
 
+def _slow(speeds: Array) -> float:
+    """Median of the speeds of the slow sweeps."""
+    return float(np.median(speeds[speeds < 0.5 * speeds.max()]))
+
+
+def sticking(breakaway: Array, slides: Array) -> list[int]:
+    """Indices of the joints that stick.
+
+    Args:
+        breakaway: torque at which each joint breaks away, NaN where none was seen, as a share of its limit.
+        slides: torque that it takes to slide slowly, likewise.
+    """
+    found = []
+    for j in np.flatnonzero(breakaway > _STICKS_SHARE):
+        others = np.delete(breakaway, j)
+        others = others[np.isfinite(others)]
+        usual = float(np.median(others)) if others.size else 0.0
+        times = _OF_SLIDING if others.size else _ALONE
+        if breakaway[j] > max(_OF_OTHERS * usual, times * slides[j]):
+            found.append(int(j))
+    return found
+
+
 def _breakaway(rest: Array, swept: Samples, j: int, place: Array, sliding: NDArray[np.bool_], rate: float) -> float:
-    """Median of the torques at which joint j begins to move in each sweep, beyond what gravity leaves unexplained."""
-    q, dq = swept.position[:, j], swept.desired[:, 1, j]
-    fit = _fit(rest[sliding], dq[sliding], place[sliding])
+    """Torque at which joint j leaves a stand, beyond what gravity leaves unexplained; NaN if it does not, both ways.
+
+    A joint that sticks stands and leaps again and again, wherever it is; so each stand counts, not only those at the
+    begins of the sweeps. The mean over both directions does not contain what gravity is believed to be.
+    """
+    q = swept.position[:, j]
+    fit = _fit(rest[sliding], swept.desired[sliding, 1, j], place[sliding])
     beyond = rest - np.vander(place, _DEGREE + 1) @ fit[2:]
-    moving = np.abs(dq) > 0.0
-    begins = np.flatnonzero(moving[1:] & ~moving[:-1]) + 1
-    count, visible = round(_BEGINS * rate), max(_MOVED, 4.0 * float(np.std(np.diff(q))))
-    peaks = []
-    for k in begins:
-        away = np.flatnonzero(np.abs(q[k : k + count] - q[k]) > visible)
-        if away.size:
-            peaks.append(float((np.sign(dq[k + 1]) * beyond[k : k + away[0] + 1]).max()))
-    return max(float(np.median(peaks)), 0.0) if peaks else 0.0
+    count, visible = round(_STAND * rate), max(_MOVED, 4.0 * float(np.std(np.diff(q))))
+    still = np.ptp(sliding_window_view(q, count), axis=1) < visible
+    peaks: dict[float, list[float]] = {1.0: [], -1.0: []}
+    for k in np.flatnonzero(still[:-1] & ~still[1:]) + count:
+        away = q[min(k + count // 2, q.size - 1)] - np.median(q[k - count : k])
+        if abs(away) > _LEAVES * visible:
+            peaks[np.sign(away)].append(float((np.sign(away) * beyond[k - count : k]).max()))
+    if not all(peaks.values()):
+        return np.nan
+    return max(0.5 * float(sum(np.median(each) for each in peaks.values())), 0.0)

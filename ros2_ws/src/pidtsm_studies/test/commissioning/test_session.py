@@ -55,12 +55,23 @@ def test_an_interrupted_session_goes_on_with_the_same_result(tmp_path: Path) -> 
 
 
 def test_a_joint_that_sticks_too_much_is_named_with_the_cure(tmp_path: Path) -> None:
-    sticky = {"friction.static": [0.5, 19.5, 0.5, 0.5], "friction.bristle_stiffness": 2e4}
+    sticky = {"friction.static": [0.5, 19.0, 0.5, 0.5], "friction.bristle_stiffness": 2e4}
     arm = replace(SIMULATED, settings={**SIMULATED.settings, **sticky, "friction.stribeck_velocity": 0.02})
     session = Session.opened(tmp_path, SUBJECT)
     with pytest.raises(CommissionError, match=r"joint2 took 4\d % of its torque limit .* again with --from signs"):
         session.run(arm, lambda *_: True, lambda _: None, lambda _: None)
     assert session.missing[0] == "gravity"
+
+
+@pytest.mark.parametrize("static", [0.5, 7.0])
+def test_a_joint_that_sticks_is_named_and_no_other(tmp_path: Path, static: float) -> None:
+    sticky = {"friction.static": [0.5, static, 0.5, 0.5], "friction.bristle_stiffness": 2e4}
+    arm = replace(SIMULATED, settings={**SIMULATED.settings, **sticky, "friction.stribeck_velocity": 0.02})
+    session = Session.opened(tmp_path, SUBJECT)
+    with pytest.raises(RefusedError):
+        session.run(arm, lambda step, _: step != "gravity", lambda _: None, lambda _: None)
+    named = [text for text in session.found["friction"]["problems"] if "expect it to stick" in text]
+    assert [text.split()[0] for text in named] == ["joint2"] * (static > 1.0)
 
 
 def test_an_arm_that_friction_holds_is_followed_by_a_firmer_controller_from_then_on(tmp_path: Path) -> None:

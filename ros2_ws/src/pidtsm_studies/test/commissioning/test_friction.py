@@ -1,0 +1,24 @@
+"""Which joints stick."""
+
+import numpy as np
+import pytest
+
+from pidtsm_studies.commissioning.friction import sticking
+
+
+@pytest.mark.parametrize(
+    ("breakaway", "slides", "sticks"),
+    [
+        ([0.30, 0.17, 0.18], [0.13, 0.13, 0.14], [0]),
+        ([0.30, 0.17, np.nan], [0.13, 0.13, 0.14], [0]),
+        ([0.04, 0.01, 0.01], [0.01, 0.01, 0.01], []),  # Too little to mind.
+        ([0.17, 0.17, 0.18], [0.05, 0.15, 0.15], []),  # Its sliding friction is not known well.
+        ([0.30, 0.17, 0.18], [0.28, 0.13, 0.14], []),  # All its friction is large.
+        ([0.20], [0.10], [0]),
+        ([0.20], [0.15], []),
+    ],
+)
+def test_a_joint_sticks_that_takes_more_than_the_others_and_than_to_slide(
+    breakaway: list[float], slides: list[float], sticks: list[int]
+) -> None:
+    assert sticking(np.array(breakaway), np.array(slides)) == sticks
