@@ -34,6 +34,8 @@ ERROR, _ROOM = 0.3, 3.0
 """The arm is stopped at this tracking error, rad, and at this multiple of the velocity that a step needs."""
 _ARMATURE, _HEAVIER = "robot.armature", 1.4
 """Parameter of the rotors, and ratio of shown and described inertia from which on they are taken for not described."""
+_QUICKEST = 2000.0
+"""rad/s^2; the torque limit of a joint that turns accelerates it by less, because motors have rotors."""
 _SURE = 0.0005
 """s; the delay that a whole motion shows counts if its standard deviation is smaller."""
 
@@ -150,6 +152,16 @@ class Bench:
             for each, own in zip(shown, described, strict=True)
         ]
         return {_ARMATURE: (rotors(self.arm) + np.array(more)).tolist()} if any(more) else {}
+
+    def too_light(self) -> str:
+        """What to do about joints that lack the rotors of their motors, as the end of a text; empty: there are none."""
+        if not any(parameter.name == _ARMATURE for parameter in robot_schema(self.arm)):
+            return ""
+        model = self.model()
+        quick = np.where(model.slides, 0.0, model.effort / np.diag(model.inertia(self.home)))
+        light = [f"{model.joints[j]} by {quick[j]:.2g} rad/s^2" for j in np.flatnonzero(quick > _QUICKEST)]
+        cure = f"it surely lacks their rotors: give them (--set controller.{_ARMATURE}=..., kg m^2) to a new session"
+        return f". By the description, torque limits accelerate {', '.join(light)}; {cure}" if light else ""
 
     def model(self, identified: bool = True) -> ArmModel:
         """The bodies of the arm, as far as they are identified or as its user describes them."""

@@ -171,7 +171,7 @@ class Session:
                     outcome = STEPS[name].run(bench)
                     outcome = replace(outcome, figures={**outcome.figures, FIRMNESS: bench.firmness})
                 except CommissionError as reason:
-                    raise CommissionError(f"{reason}{self._stuck(bench)}") from None
+                    raise CommissionError(f"{reason}{self._stuck(bench)}{bench.too_light()}") from None
             keep(outcome.samples)
             self._add(name, outcome)
             tell(outcome.verdict)

@@ -1,6 +1,7 @@
 """When the controller stops the arm, a step tries firmer and softer ones; the next step begins with what worked."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -75,3 +76,16 @@ def test_what_no_gains_cure_is_not_tried_again() -> None:
     with pytest.raises(CommissionError):
         bench(arm, []).follow(MOTION)
     assert arm.tried == [0.7]
+
+
+def test_joints_that_lack_their_rotors_are_named_with_the_cure() -> None:
+    usual = bench(_Arm(0.0, 2.0), [])
+    assert usual.too_light() == ""
+    strong = {**usual.arm, "limits.effort": (30.0 * usual.model().effort).tolist()}
+    text = replace(usual, arm=strong).too_light()
+    assert "joint2 by 3.1e+03 rad/s^2, joint4 by" in text
+    assert "joint1" not in text
+    assert "joint3" not in text
+    assert "--set controller.robot.armature=" in text
+    rotors = {**strong, "robot.armature": 5.0}
+    assert replace(usual, arm=rotors).too_light() == ""
