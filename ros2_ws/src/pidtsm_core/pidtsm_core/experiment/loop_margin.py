@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment.linear_observers import LinearObserver, elastic_corrections, elastic_model, rigid_observer
@@ -79,7 +80,15 @@ def bandwidths(drives: Drives, inertias: list[Array], fastest: Array) -> Array:
             kg m^2.
         fastest: highest bandwidths allowed, shape (joints,), rad/s.
     """
-    keeps = _judge(drives, inertias, (*_MARGINS, *_OF_SPRINGS) if drives.observed else _MARGINS)
+    import scipy.linalg  # noqa: F401  Only the threads of what is loaded can be limited.
+
+    # The matrices are small: several threads of BLAS wait for each other, on a busy machine six times as long.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _raised(_judge(drives, inertias, (*_MARGINS, *_OF_SPRINGS) if drives.observed else _MARGINS), fastest)
+
+
+def _raised(keeps: Callable[[Array], bool], fastest: Array) -> Array:
+    """See `bandwidths`; `keeps`: of `_judge`."""
 
     def raised(slow: Array, fast: Array) -> Array:
         """The last of the bandwidths between these two that keeps the margins, as far as it is known."""
@@ -107,19 +116,24 @@ def _judge(drives: Drives, inertias: list[Array], margins: Sequence[_Margin]) ->
     known = (drives.rotor, drives.stiffness, drives.damping, drives.on_motor)
     models = [elastic_model(drives.period, inertia, *known) for inertia in inertias] if drives.observed else []
 
-    def observer(place: int, bandwidth: Array) -> LinearObserver:
+    def observers(bandwidth: Array) -> list[LinearObserver]:
+        """One for each posture."""
         if not drives.observed:
-            return rigid_observer(drives.period, inertias[place], bandwidth)
+            return [rigid_observer(drives.period, inertia, bandwidth) for inertia in inertias]
         corrects = elastic_corrections(drives.period, np.diag(inertias[0]), *known, bandwidth)
-        return models[place]._replace(corrects=corrects)
+        return [model._replace(corrects=corrects) for model in models]
+
+    # What failed last is tried first: it is likely to fail again, and the rest need not be tried then.
+    order = [(place, margin) for place in range(len(inertias)) for margin in range(len(margins))]
 
     def keeps(bandwidth: Array) -> bool:
-        for place, inertia in enumerate(inertias):
-            its = observer(place, bandwidth)
-            for plant, margin in zip(plants[place], margins, strict=True):
-                closed = _closed(drives, plant, its, inertia, bandwidth, margin)
-                if not np.isfinite(closed).all() or not np.abs(np.linalg.eigvals(closed)).max() < 1.0:
-                    return False
+        its = observers(bandwidth)
+        for k, (place, margin) in enumerate(order):
+            plant, inertia = plants[place][margin], inertias[place]
+            closed = _closed(drives, plant, its[place], inertia, bandwidth, margins[margin])
+            if not np.isfinite(closed).all() or not np.abs(np.linalg.eigvals(closed)).max() < 1.0:
+                order.insert(0, order.pop(k))
+                return False
         return True
 
     return keeps
