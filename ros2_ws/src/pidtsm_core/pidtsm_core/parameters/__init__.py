@@ -153,6 +153,7 @@ class Parameter:
 
 
 Schema: TypeAlias = Callable[[Mapping[str, object]], Sequence[Parameter]]
+_Made: TypeAlias = dict[frozenset[tuple[str, object]], Sequence[Parameter] | None]
 
 
 def prefixed(group: str, parameters: Iterable[Parameter]) -> tuple[Parameter, ...]:
@@ -196,10 +197,11 @@ def resolve(schema: Schema, settings: Mapping[str, object], joints: int) -> dict
 
 def _where_it_belongs(name: str, schema: Schema, settings: Mapping[str, object]) -> str:
     """The other choices with which the parameter would exist; empty if there are none."""
+    made: _Made = {}
     for steps in (1, 2):  # Two, since for example a surface can only be chosen after its law.
         found: dict[str, list[str]] = {}
-        for changed in _other_choices(schema, settings, steps):
-            if any(p.name == name for p in schema(changed)):
+        for changed, parameters in _other_choices(schema, settings, steps, {}, made):
+            if any(p.name == name for p in parameters):
                 *first, last = (key for key, value in changed.items() if settings.get(key) != value)
                 chosen_first = "".join(f"{key} {changed[key]} and " for key in first)
                 found.setdefault(f"{chosen_first}{last}", []).append(str(changed[last]))
@@ -209,22 +211,42 @@ def _where_it_belongs(name: str, schema: Schema, settings: Mapping[str, object])
     return ""
 
 
-def _other_choices(schema: Schema, settings: Mapping[str, object], steps: int) -> Iterator[dict[str, object]]:
-    """The settings with `steps` choices changed, each of which makes the next one available."""
-    before = {p.name for p in schema(settings)}
-    for parameter in schema(settings):
+def _other_choices(
+    schema: Schema, settings: Mapping[str, object], steps: int, changes: Mapping[str, object], made: _Made
+) -> Iterator[tuple[dict[str, object], Sequence[Parameter]]]:
+    """The settings with `steps` choices changed, each of which makes the next one available, and their parameters.
+
+    Args:
+        schema: of the parameters.
+        settings: already with `changes`.
+        steps: how many choices to change.
+        changes: choices that were changed.
+        made: parameters by changes, filled: making them takes long, and changes are met again in another order.
+    """
+
+    def parameters(changes: Mapping[str, object], changed: Mapping[str, object]) -> Sequence[Parameter] | None:
+        key = frozenset(changes.items())
+        if key not in made:
+            try:
+                made[key] = schema(changed)
+            except UsageError:  # Nodes reject choices that work in rollouts only; members from outside may not compile.
+                made[key] = None
+        return made[key]
+
+    known = parameters(changes, settings) or ()
+    before = {p.name for p in known}
+    for parameter in known:
         for choice in parameter.choices:
-            changed = {**settings, parameter.name: choice}
             if choice == settings.get(parameter.name, parameter.default):
                 continue
-            try:
-                after = {p.name for p in schema(changed)}
-            except UsageError:
-                continue  # Nodes reject choices that work in rollouts only, and members from outside may not compile.
+            more, changed = {**changes, parameter.name: choice}, {**settings, parameter.name: choice}
+            after = parameters(more, changed)
+            if after is None:
+                continue
             if steps == 1:
-                yield changed
-            elif after != before:
-                yield from _other_choices(schema, changed, steps - 1)
+                yield changed, after
+            elif {p.name for p in after} != before:
+                yield from _other_choices(schema, changed, steps - 1, more, made)
 
 
 def _either(values: Sequence[str]) -> str:
