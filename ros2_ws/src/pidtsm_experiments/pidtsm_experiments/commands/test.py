@@ -101,6 +101,7 @@ def _run(root: Path, module: str, *arguments: str) -> int:
 
 
 def _start(root: Path, module: str, *arguments: str, **options: Any) -> "subprocess.Popen[bytes]":
-    # Each process of pytest imports all files of tests: they are compiled once, whatever the environment says.
-    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": ""}
+    # Each process of pytest imports all files of tests: they are compiled once, whatever the environment says. Where
+    # several processes share the processors, threads of BLAS only wait for each other.
+    environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONDONTWRITEBYTECODE": ""}
     return subprocess.Popen([sys.executable, "-m", module, *arguments], cwd=root, env=environment, **options)
