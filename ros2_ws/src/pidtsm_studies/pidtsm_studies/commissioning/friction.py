@@ -99,7 +99,8 @@ def sticking(breakaway: Array, slides: Array) -> list[int]:
     """Indices of the joints that stick.
 
     Args:
-        breakaway: torque at which each joint breaks away, NaN where none was seen, as a share of its limit.
+        breakaway: torque at which each joint breaks away, NaN where none was seen, as a share of its limit, shape
+            (joints,).
         slides: torque that it takes to slide slowly, likewise.
     """
     found = []
