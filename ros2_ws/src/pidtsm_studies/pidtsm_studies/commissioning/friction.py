@@ -91,8 +91,9 @@ def _friction(rest: Array, dq: Array, place: Array) -> tuple[float, float, float
 
 
 def _slow(speeds: Array) -> float:
-    """Median of the speeds of the slow sweeps."""
-    return float(np.median(speeds[speeds < 0.5 * speeds.max()]))
+    """Median of the speeds of the slow sweeps; 0 of a joint that has no room to move."""
+    slow = speeds[speeds < 0.5 * speeds.max()]
+    return float(np.median(slow)) if slow.size else 0.0
 
 
 def sticking(breakaway: Array, slides: Array) -> list[int]:
@@ -123,7 +124,7 @@ def _breakaway(rest: Array, swept: Samples, j: int, place: Array, sliding: NDArr
     q = swept.position[:, j]
     fit = _fit(rest[sliding], swept.desired[sliding, 1, j], place[sliding])
     beyond = rest - np.vander(place, _DEGREE + 1) @ fit[2:]
-    count, visible = round(_STAND * rate), max(_MOVED, 4.0 * float(np.std(np.diff(q))))
+    count, visible = max(round(_STAND * rate), 2), max(_MOVED, 4.0 * float(np.std(np.diff(q))))
     still = np.ptp(sliding_window_view(q, count), axis=1) < visible
     peaks: dict[float, list[float]] = {1.0: [], -1.0: []}
     for k in np.flatnonzero(still[:-1] & ~still[1:]) + count:
