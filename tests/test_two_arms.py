@@ -89,6 +89,12 @@ class Pair:
         states = self.states[side]
         return bool(states) and states[-1].mode == Mode.FOLLOWING
 
+    def rests(self, side: str) -> bool:
+        """Whether the arm was where it shall stay when its newest frames were measured."""
+        newest = self.frames[f"{side}/{TOOL}"][2]
+        before = [each for each in self.states[side] if nanoseconds(each.header.stamp) <= newest]
+        return bool(before) and bool(np.abs(np.subtract(before[-1].position, HOME)).max() < 3e-4)
+
     def sees(self, nodes: set[tuple[str, str]]) -> bool:
         return nodes <= set(self.testbed.node.get_node_names_and_namespaces())
 
@@ -110,6 +116,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pair]:
 def test_the_frames_of_both_arms_are_one_tree(pair: Pair) -> None:
     names = {f"{side}/{link}" for side in BASES for link in PANDA.links.names}
     pair.testbed.spin_until(lambda: pair.frames.keys() >= names, "all frames")
+    pair.testbed.spin_until(lambda: all(pair.rests(side) for side in BASES), "both arms rest in their frames")
     for side, (x, y, z, roll, pitch, yaw) in BASES.items():
         base = matrix([x, y, z], Rotation.from_euler("xyz", [roll, pitch, yaw]))
         message = pair.states[side][-1]
