@@ -105,7 +105,7 @@ def case_of(seed: int, index: int) -> Case:
 
 
 def case_with_unknown_rotors_of(seed: int, index: int) -> Case:
-    """The case of `case_of` on an arm of which the description lacks the rotors, as most do, and the friction.
+    """The case of `case_of` on an arm with other rotors than those of its description, and friction.
 
     Closed forms have no rotors: they keep their case.
     """

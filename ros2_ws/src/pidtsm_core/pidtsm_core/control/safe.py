@@ -170,6 +170,8 @@ def _hold(config: ControllerConfig, state: ControllerState, stamp: int, dt: floa
         add_offset(config, efforts, 1.0)
         if state.times[Time.PERIOD] <= _LONGEST_PERIOD:
             weigh_load(config, state, dt)
+        for j in range(state.measured.size):
+            hold[Hold.WEIGHED, j] += dt
         _drop_what_drives_away(state, dt)
         pull = state.accelerations[1]
         for j in range(pull.size):
@@ -234,7 +236,6 @@ def weigh_load(config: ControllerConfig, state: ControllerState, dt: float) -> N
             unexplained = (hold[Hold.NET, j] - hold[Hold.LEARNT, j]) * dt - spent
             learnt = hold[Hold.LEARNT, j] + rate * unexplained
             hold[Hold.LEARNT, j] = min(max(learnt, -config.limits.effort[j]), config.limits.effort[j])
-        hold[Hold.WEIGHED, j] += dt
     for j in range(state.measured.size):
         hold[Hold.LAST, j] = hold[Hold.VELOCITY, j]
 

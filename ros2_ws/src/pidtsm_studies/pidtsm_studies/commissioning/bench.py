@@ -160,8 +160,8 @@ class Bench:
         model = self.model()
         quick = np.where(model.slides, 0.0, model.effort / np.diag(model.inertia(self.home)))
         light = [f"{model.joints[j]} by {quick[j]:.2g} rad/s^2" for j in np.flatnonzero(quick > _QUICKEST)]
-        cure = f"it surely lacks their rotors: give them (--set controller.{_ARMATURE}=..., kg m^2) to a new session"
-        return f". By the description, torque limits accelerate {', '.join(light)}; {cure}" if light else ""
+        cure = f"which surely lacks rotors: begin a new session with --set controller.{_ARMATURE}=... (kg m^2)"
+        return f". Torque limits accelerate {', '.join(light)} by the description, {cure}" if light else ""
 
     def model(self, identified: bool = True) -> ArmModel:
         """The bodies of the arm, as far as they are identified or as its user describes them."""
