@@ -147,8 +147,8 @@ def test_large_trajectories_are_planned_outside_the_loop_and_the_newest_counts(r
     path = [rig.at(1.0)]
     assert path[0][1:].any(), "the built-in motion moves"
     log, samples = rig.process.log, 0
-    for last in (0.1, 0.2, 0.3):
-        rig.trajectories.publish(sampled(last))
+    for last, duration in ((0.1, 18.0), (0.2, 19.0), (0.3, 20.0)):
+        rig.trajectories.publish(sampled(last, duration))
     replaced = "a trajectory is replaced by a newer trajectory before it was planned"
     rig.testbed.spin_until(lambda: replaced in log.read_text(), "the newer trajectories")
     while "following a trajectory of 5000 points, 20 s" not in log.read_text():
@@ -173,13 +173,13 @@ def test_what_is_wrong_with_a_large_trajectory_is_logged(rig: Rig) -> None:
         rig.at(1.0 + 1e-3 * samples)
 
 
-def sampled(last: float) -> JointTrajectory:
-    """5,000 points of a quintic of 20 s to this position of the first joint, from rest."""
+def sampled(last: float, duration: float = 20.0) -> JointTrajectory:
+    """5,000 points of a quintic to this position of the first joint, from rest."""
     points = []
     for k in range(1, 5001):
         x = k / 5000
         q = last * x**3 * (10.0 - x * (15.0 - 6.0 * x))
-        dq = last * x**2 * (30.0 - x * (60.0 - 30.0 * x)) / 20.0
-        ddq = last * x * (60.0 - x * (180.0 - 120.0 * x)) / 400.0
-        points.append(point(20.0 * x, [q, 0.0], [dq, 0.0], [ddq, 0.0]))
+        dq = last * x**2 * (30.0 - x * (60.0 - 30.0 * x)) / duration
+        ddq = last * x * (60.0 - x * (180.0 - 120.0 * x)) / duration**2
+        points.append(point(duration * x, [q, 0.0], [dq, 0.0], [ddq, 0.0]))
     return trajectory(*points, start=3.0)
