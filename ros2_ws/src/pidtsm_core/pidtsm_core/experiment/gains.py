@@ -28,7 +28,8 @@ _ELASTIC = 60.0
 _POSTURES = 2
 """Beside the middle of the range, in which the margins of a loop are judged."""
 _AS_FAST = 0.9
-"""Share of its bandwidth as one for a rigid arm that an observer which knows the springs must have to be chosen."""
+"""Share of the bandwidth of one for a rigid arm, in the geometric mean of the joints, that an observer which knows the
+springs must have to be chosen."""
 _WAITING = 1.5
 """Periods that pass between a measurement and the mean effect of its command."""
 
@@ -128,7 +129,7 @@ def _of_loop(
     if drives.observed:
         faster = bandwidths(drives, inertias, aware[0])
         # Where rotors are heavy and springs soft, feedback from the motors damps better.
-        if (faster >= _AS_FAST * kept).all():
+        if np.mean(np.log(faster / kept)) >= np.log(_AS_FAST):
             return drives, faster, _limited(faster, *aware)
     return unaware, kept, _limited(kept, *rigid)
 

@@ -31,7 +31,7 @@ _USED = (
 )
 _SLOWEST_RATE = 10.0
 """1/s; see `_lets_observe`."""
-_LONGEST = 20
+LONGEST = 20
 """Samples; behind a longer delay the bandwidth is so low that no joint resonates."""
 
 
@@ -67,7 +67,7 @@ def hardware_gains(
     observed = knows_springs and rejects(law) and bool(stiffness.any()) and _lets_observe(controller, on_motor)
     drives = Drives(
         period=1.0 / rate,
-        delay=min(delay, _LONGEST),
+        delay=min(delay, LONGEST),
         lag=lag,
         rotor=rotor,
         stiffness=stiffness,
@@ -75,7 +75,7 @@ def hardware_gains(
         on_motor=on_motor,
         observed=observed,
         # With encoders at the links, it stays slower if it predicts.
-        ahead=min(round(delay + rate * lag + 0.5), _LONGEST) if observed and on_motor else 0,
+        ahead=min(round(delay + rate * lag + 0.5), LONGEST) if observed and on_motor else 0,
     )
     bits = int(as_float(used["encoder.bits"]))
     gains = first_gains(controller, bits, delay / rate + drives.lag, rate, law, drives)

@@ -1,7 +1,7 @@
 """From measurements of an arm to its corrected description."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from pidtsm_core.identification.motion_needs import cure, motion_needs, moves_en
 from pidtsm_core.identification.regressor import described_parameters
 from pidtsm_core.identification.reversals import left_out, without_slow_motion
 from pidtsm_core.robots import Description, tree
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 _APART = 0.8
 """Share of each measurement, from its start, that is fitted; the rest is kept apart to judge the result."""
@@ -29,6 +30,8 @@ _SMALL = 0.1
 """Share of this for an offset that looks as weight, which is more often the weight itself."""
 _QUICKEST = 100.0
 """rad/s^2 or m/s^2: the effort limit is taken to accelerate the rotor alone at least so fast."""
+_KNOWN = 0.1
+"""Standard deviation of rotors that are known otherwise, as a share of them."""
 _UNEXPLAINED = 0.3
 """Share of a torque's root mean square that a model of the right arm does not leave unexplained."""
 _IMPOSSIBLE = 2.0
@@ -110,29 +113,33 @@ class Identification:
         return tuple("N" if slides else "N m" for slides in self.arm.slides)
 
 
-def identify(arm: Description, measurements: Sequence[Measurement], robot: str = "ROBOT") -> Identification:
+def identify(
+    arm: Description, measurements: Sequence[Measurement], robot: str = "ROBOT", rotors: Array | None = None
+) -> Identification:
     """Identify inertias, armature, friction and offsets of an arm.
 
     Args:
         arm: its description; its geometry and gravity are taken as right.
         measurements: of its motions; each has the joints of the arm, in any order.
         robot: what ``--robot`` names it, for messages.
+        rotors: armature that is known otherwise, to 10 %, in place of the described one, shape (joints,), kg m^2 or kg;
+            0: it is not.
 
     Raises:
         IdentificationError: the measurements cannot be used.
     """
     # The systems are small: several threads of BLAS wait for each other, on a busy machine up to 20 times as long.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _identify(arm, measurements, robot)
+        return _identify(arm, measurements, robot, np.zeros(len(arm.joints)) if rotors is None else rotors)
 
 
-def _identify(arm: Description, measurements: Sequence[Measurement], robot: str) -> Identification:
+def _identify(arm: Description, measurements: Sequence[Measurement], robot: str, rotors: Array) -> Identification:
     _, bodies = carriers(arm)
     measured = [limited(_ordered(each, arm), arm.effort) for each in measurements]
     described = described_parameters(arm.tree, arm.damping, arm.friction)
     warnings = _recording_warnings(measured, robot)
     cutoff, needs = _bandwidth_and_needs(arm, measured, robot)
-    prior = Prior(described, bodies, _deviation(arm, measured))
+    prior = _with_rotors(Prior(described, bodies, _deviation(arm, measured)), rotors)
     _refuse_structure(arm, prior, measured, cutoff, needs)
     base = base_parameters(arm.tree, len(arm.joints))
     expected = expectation(prior, base)
@@ -225,6 +232,14 @@ def _deviation(arm: Description, measured: Sequence[Measurement]) -> Array:
     tree.inertia_matrix(measured[0].position[0].copy(), arm.tree.copy(), inertia)
     rotor = np.maximum(np.diag(inertia), limit / _QUICKEST)
     return np.concatenate([rotor, *[_FRICTION * limit] * 3])
+
+
+def _with_rotors(prior: Prior, rotors: Array) -> Prior:
+    """What the description says, but for rotors that are known otherwise, see `identify`."""
+    parameters, deviation, known = prior.parameters.copy(), prior.deviation.copy(), np.flatnonzero(rotors > 0.0)
+    parameters[LINK * rotors.size + known] = rotors[known]
+    deviation[known] = _KNOWN * rotors[known]
+    return replace(prior, parameters=parameters, deviation=deviation)
 
 
 def _preferred(arm: Description, prior: Prior) -> Array:

@@ -2,15 +2,19 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment.gains import first_gains, rotors
-from pidtsm_core.experiment.law_gains import Known, gains_of_law, rounded
+from pidtsm_core.experiment.hardware_gains import LONGEST
+from pidtsm_core.experiment.law_gains import Gain, Known, gains_of_law, rounded
+from pidtsm_core.experiment.loop_margin import Drives
 from pidtsm_core.robots import Description, robot_schema
 from pidtsm_studies.commissioning.arm import StoppedError
+from pidtsm_studies.commissioning.elastic_joints import Side
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import Motion
@@ -32,10 +36,11 @@ _NUDGED = 0.4
 """Share of the torque of a nudge that is compensated until then: it takes more to break away than to slide."""
 ERROR, _ROOM = 0.3, 3.0
 """The arm is stopped at this tracking error, rad, and at this multiple of the velocity that a step needs."""
-_ARMATURE, _HEAVIER = "robot.armature", 1.4
+ARMATURE, _HEAVIER = "robot.armature", 1.4
 """Parameter of the rotors, and ratio of shown and described inertia from which on they are taken for not described."""
 _QUICKEST = 2000.0
 """rad/s^2; the torque limit of a joint that turns accelerates it by less, because motors have rotors."""
+_BANDWIDTH = "estimator.bandwidth"
 _SURE = 0.0005
 """s; the delay that a whole motion shows counts if its standard deviation is smaller."""
 
@@ -141,26 +146,46 @@ class Bench:
         found = self.found.get("identify", {}).get("parameters", {})
         return {**self.arm, **found} if found else {**self.arm, **self._rotors()}
 
+    @property
+    def rotors(self) -> Array:
+        """Inertias of the rotors as the joints see them, as far as they are known, shape (joints,), kg m^2 or kg."""
+        return rotors(self.identified)
+
+    @property
+    def swung(self) -> Array | None:
+        """Inertias of the rotors that were seen to swing on their springs, likewise; None: none were."""
+        swung = self.found.get("springs", {}).get("rotor")
+        return None if swung is None else np.array(swung)
+
+    @property
+    def takes_rotors(self) -> bool:
+        """Whether the arm has a parameter for its rotors."""
+        return any(parameter.name == ARMATURE for parameter in robot_schema(self.arm))
+
     def _rotors(self) -> dict[str, Any]:
-        """Inertias of the rotors that the first step has felt and the description lacks, if it can have them."""
+        """Inertias of the rotors that were found and the description lacks, if it can have them."""
         shown = self.found.get("signs", {}).get("inertia", [])
-        if not any(shown) or not any(parameter.name == _ARMATURE for parameter in robot_schema(self.arm)):
+        if not self.takes_rotors:
+            return {}
+        if self.swung is not None:
+            return {ARMATURE: self.swung.tolist()}
+        if not any(shown):
             return {}
         described = np.diag(ArmModel(self.arm).inertia(self.home))
         more = [
             float(each) - own if (each or 0.0) > _HEAVIER * own else 0.0
             for each, own in zip(shown, described, strict=True)
         ]
-        return {_ARMATURE: (rotors(self.arm) + np.array(more)).tolist()} if any(more) else {}
+        return {ARMATURE: (rotors(self.arm) + np.array(more)).tolist()} if any(more) else {}
 
     def too_light(self) -> str:
         """What to do about joints that lack the rotors of their motors, as the end of a text; empty: there are none."""
-        if not any(parameter.name == _ARMATURE for parameter in robot_schema(self.arm)):
+        if not self.takes_rotors:
             return ""
         model = self.model()
         quick = np.where(model.slides, 0.0, model.effort / np.diag(model.inertia(self.home)))
         light = [f"{model.joints[j]} by {quick[j]:.2g} rad/s^2" for j in np.flatnonzero(quick > _QUICKEST)]
-        cure = f"which surely lacks rotors: begin a new session with --set controller.{_ARMATURE}=... (kg m^2)"
+        cure = f"which surely lacks rotors: begin a new session with --set controller.{ARMATURE}=... (kg m^2)"
         return f". Torque limits accelerate {', '.join(light)} by the description, {cure}" if light else ""
 
     def model(self, identified: bool = True) -> ArmModel:
@@ -179,8 +204,39 @@ class Bench:
 
     def bandwidth(self) -> Array:
         """Bandwidth of the observer by the rule, for what was measured so far, shape (joints,), rad/s."""
-        gains = first_gains(self.identified, self.bits, self.delay, self.rate)
-        return np.array(next(gain.value for gain in gains if gain.name == "estimator.bandwidth"), dtype=float)
+        return np.array(next(gain.value for gain in self._rule if gain.name == _BANDWIDTH), dtype=float)
+
+    @cached_property
+    def _rule(self) -> tuple[Gain, ...]:
+        """The gains of the rule for what was measured so far."""
+        return first_gains(self.identified, self.bits, self.delay, self.rate, drives=self._drives)
+
+    @property
+    def knows_springs(self) -> bool:
+        """Whether the observer knows the springs of the gears."""
+        return any(gain.name == "estimator.stiffness" for gain in self._rule)
+
+    @property
+    def _drives(self) -> Drives | None:
+        """The drives with their springs; None: no springs are known."""
+        springs = self.found.get("springs", {})
+        stiffness = np.where(self.rotors > 0.0, springs.get("stiffness", 0.0), 0.0)
+        if not stiffness.any():
+            return None
+        whole = int(self.delay * self.rate)
+        lag, on_motor = self.delay - whole / self.rate, springs["encoder"] == Side.MOTOR.value
+        return Drives(
+            period=1.0 / self.rate,
+            delay=min(whole, LONGEST),
+            lag=lag,
+            rotor=self.rotors,
+            stiffness=stiffness,
+            damping=np.array(springs["damping"]),
+            on_motor=on_motor,
+            observed=True,
+            # With encoders at the links, it stays slower if it predicts.
+            ahead=min(round(whole + self.rate * lag + 0.5), LONGEST) if on_motor else 0,
+        )
 
     @property
     def bits(self) -> int:
@@ -190,6 +246,8 @@ class Bench:
     @property
     def delay(self) -> float:
         """From a position to the torque that answers it, s."""
+        if "delay" in (springs := self.found.get("springs", {})):
+            return float(springs["delay"])
         moved = self.found.get("identify", {})
         if moved.get("delay_deviation", np.inf) < _SURE:
             return max(0.0, float(moved["delay"]) - 0.5 / self.rate)
@@ -220,16 +278,16 @@ class Bench:
 
     def gains(self, bandwidth: Array) -> tuple[Any, ...]:
         """The gains of the rule for a bandwidth, shape (joints,), rad/s, as `Gain`s."""
-        rule = first_gains(self.identified, self.bits, self.delay, self.rate)
-        fixed = [gain for gain in rule if gain.name in ("law.name", "estimator.name", "law.anti_windup")]
         chosen = np.array(rounded(bandwidth))
-        observer = next(gain for gain in rule if gain.name == "estimator.bandwidth")
+        observer = next(gain for gain in self._rule if gain.name == _BANDWIDTH)
         model = self.model()
         steps = np.where(model.slides, 1.0, 2.0 * np.pi) / 2.0**self.bits
         known = Known(bandwidth=chosen, steps=steps, inertia=np.diag(model.inertia(self.home)))
-        law = str(next(gain.value for gain in rule if gain.name == "law.name"))
+        law = str(next(gain.value for gain in self._rule if gain.name == "law.name"))
         own = gains_of_law(law, known)
-        return (*fixed, type(observer)(observer.name, tuple(chosen.tolist()), observer.reason), *own)
+        changed = {_BANDWIDTH, *(gain.name for gain in own)}
+        fixed = [gain for gain in self._rule if gain.name not in changed]
+        return (*fixed, Gain(observer.name, tuple(chosen.tolist()), observer.reason), *own)
 
     def plan(self, text: str, motion: Motion, model: ArmModel) -> Plan:
         """The plan of a step that follows a motion."""

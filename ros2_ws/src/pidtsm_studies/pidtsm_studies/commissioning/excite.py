@@ -71,7 +71,7 @@ def run(bench: Bench) -> Outcome:
         model.joints, moved.time, moved.position, moved.effort, np.full(len(model.joints), np.inf)
     )
     try:
-        found = identify(bench.described(), [measurement], "ROBOT")
+        found = identify(bench.described(), [measurement], "ROBOT", bench.swung)
     except IdentificationError as error:
         reasons = str(error).splitlines()
         return Outcome("the description stays: nothing was identified", {}, reasons, samples={"identify": samples})

@@ -16,6 +16,8 @@ BACK = 0.7
 """Share of the bandwidth that stays when the torque has become too rough."""
 _ROUGH_SHARE, _ROUGH = 0.002, 0.2
 """Mean change of the torque from sample to sample that is allowed: share of the limit, and at most, N m or N."""
+_ROUGHER = 4.0
+"""Factor of both where springs are known: what damps them is rougher, and the rule has margins for them."""
 _UNSTABLE = 3.0
 """Times the allowed roughness from which on the loop is taken for unstable."""
 _WORSE, _OFTEN = 1.4, 2
@@ -48,7 +50,7 @@ def run(bench: Bench) -> Outcome:
         CommissionError: no controller follows.
     """
     model, motion, rule = bench.model(), _motion(bench), bench.bandwidth()
-    allowed = np.minimum(_ROUGH_SHARE * model.effort, _ROUGH)
+    allowed = np.minimum(_ROUGH_SHARE * model.effort, _ROUGH) * (_ROUGHER if bench.knows_springs else 1.0)
     levels: list[dict[str, Any]] = []
     recorded: dict[str, Samples] = {}
     stopped, bound, grown, too_soft = "", np.inf, 0, False
@@ -60,7 +62,8 @@ def run(bench: Bench) -> Outcome:
             if not levels and level < FIRMEST:  # Too slow for friction.
                 too_soft = True
                 continue
-            stopped, bound = str(reason), BACK * levels[-1]["level"] if levels else 0.0
+            good = level if bench.knows_springs else levels[-1]["level"] if levels else 0.0
+            stopped, bound = str(reason), BACK * good
             break
         recorded[f"bandwidth-{level:g}"] = samples
         error, rough = errors(samples.motion), roughness(samples.motion) / allowed
@@ -69,8 +72,9 @@ def run(bench: Bench) -> Outcome:
         if rough.max() > 1.0:
             joint = model.joints[int(np.argmax(rough))]
             stopped = f"the torque of {joint} was {rough.max():.1f} times as rough as allowed"
-            # Far too rough means unstable: go back from the last good one.
-            good = levels[-2]["level"] if rough.max() > _UNSTABLE and len(levels) > 1 else level
+            # Far too rough means unstable: go back from the last good one, unless the rule has margins for springs.
+            unstable = rough.max() > _UNSTABLE and len(levels) > 1 and not bench.knows_springs
+            good = levels[-2]["level"] if unstable else level
             bound = BACK * good
             break
         grown = grown + 1 if mean > _WORSE * min(each["mean_error"] for each in levels) else 0

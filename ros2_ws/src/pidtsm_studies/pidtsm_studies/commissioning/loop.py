@@ -125,10 +125,12 @@ class Loop:
             whole.at(time, controller.reference)
             controller.position[:] = measured.position
             controller.step(measured.stamp, measured.stamp)
-            self.port.act(controller.effort)
-            rows.append(
-                (measured.stamp, measured.position.copy(), controller.effort.copy(), controller.reference.copy())
-            )
+            effort = controller.effort.copy()
+            if (shaking := whole.shaking_at(time)) is not None and not controller.fault:
+                limit = controller.config.limits.effort
+                effort = np.clip(effort + shaking, -limit, limit)
+            self.port.act(effort)
+            rows.append((measured.stamp, measured.position.copy(), effort, controller.reference.copy()))
             if controller.fault:
                 self._desired = None
                 self._come_to_rest(controller)

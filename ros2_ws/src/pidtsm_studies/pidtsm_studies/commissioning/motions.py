@@ -10,6 +10,8 @@ STEP = 0.002
 """Time between the states of a motion, s."""
 _PEAK_VELOCITY, _PEAK_ACCELERATION = 1.875, 5.7735
 """Of a quintic from rest to rest over distance 1 in time 1."""
+_RAMP, _SHAKEN_FADE = 0.25, 0.15
+"""s to reach a constant velocity, and to fade in and out what shakes a joint then."""
 _LEAST = 0.2
 """Shortest duration of a motion between two postures, s."""
 
@@ -20,9 +22,11 @@ class Motion:
 
     Attributes:
         states: q, q', q'' every `STEP`, shape (3, samples, joints), rad or m, per s, per s^2.
+        shaking: torques on top of those of the controller, likewise, shape (samples, joints), N m or N; None: none.
     """
 
     states: Array
+    shaking: Array | None = None
 
     @property
     def duration(self) -> float:
@@ -53,6 +57,14 @@ class Motion:
         desired[0] = q + later * (dq + 0.5 * later * ddq)
         desired[1] = dq + later * ddq
         desired[2] = ddq
+
+    def shaking_at(self, time: float) -> Array | None:
+        """Torques on top of those of the controller at a time (s), shape (joints,), N m or N; None: there are none."""
+        if self.shaking is None:
+            return None
+        place = min(max(time / STEP, 0.0), self.shaking.shape[0] - 1.0)
+        k, share = int(place), place % 1.0
+        return np.asarray((1.0 - share) * self.shaking[k] + share * self.shaking[min(k + 1, len(self.shaking) - 1)])
 
 
 def _times(duration: float) -> Array:
@@ -89,7 +101,11 @@ def straight(start: Array, end: Array, velocity: Array, acceleration: Array) -> 
 def joined(*motions: Motion) -> Motion:
     """One motion after the other; each begins where the one before ends."""
     first, *others = motions
-    return Motion(np.concatenate([first.states, *(each.states[:, 1:] for each in others)], axis=1))
+    states = np.concatenate([first.states, *(each.states[:, 1:] for each in others)], axis=1)
+    if all(each.shaking is None for each in motions):
+        return Motion(states)
+    shaking = [np.zeros_like(each.states[0]) if each.shaking is None else each.shaking for each in motions]
+    return Motion(states, np.concatenate([shaking[0], *(each[1:] for each in shaking[1:])]))
 
 
 def periodic(middle: Array, series: Array, frequency: float, duration: float, fade: float = 1.0) -> Motion:
@@ -123,6 +139,45 @@ def chirp(middle: Array, amplitude: Array, low: float, high: float, duration: fl
     phase = 2.0 * np.pi * low * (rate**time - 1.0) / np.log(rate)
     size = (rate**time) ** -2.0
     return _faded(middle, np.outer(size * np.sin(phase), amplitude), time, fade)
+
+
+def shaken(
+    begin: Array, end: Array, speed: float, torque: float, band: tuple[float, float], falls: float
+) -> tuple[Motion, tuple[float, float]]:
+    """One joint goes from one posture to another with a constant velocity, and is shaken meanwhile.
+
+    Args:
+        begin: shape (joints,).
+        end: another position of one joint, likewise.
+        speed: rad/s.
+        torque: that shakes the joint, N m.
+        band: the frequency rises from the first to the second of these, Hz.
+        falls: above this frequency, Hz, the torque falls like 1 / f.
+
+    Returns:
+        The motion, and the times between which the joint is shaken, s.
+    """
+    j = int(np.argmax(np.abs(end - begin)))
+    way = abs(float(end[j] - begin[j]))
+    time = _times(way / speed + _RAMP)
+    inner = (_RAMP, float(time[-1]) - _RAMP)
+    x = np.clip(np.minimum(time, time[-1] - time) / _RAMP, 0.0, 1.0)
+    velocity = 0.5 * (1.0 - np.cos(np.pi * x))
+    position = STEP * np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]))])
+    scale = (end - begin) / position[-1]
+    states = np.stack([np.outer(each, scale) for each in (position, velocity, np.gradient(velocity, STEP))])
+    states[0] += begin
+    states[1:, [0, -1]] = 0.0
+
+    duration, (low, high) = inner[1] - inner[0], band
+    since = np.clip(time - inner[0], 0.0, duration)
+    rate = (high / low) ** (1.0 / duration)
+    frequency = low * rate**since
+    phase = 2.0 * np.pi * low * (rate**since - 1.0) / np.log(rate)
+    fade = np.clip(np.minimum(time - inner[0], inner[1] - time) / _SHAKEN_FADE, 0.0, 1.0)
+    shaking = np.zeros_like(states[0])
+    shaking[:, j] = torque * fade * np.minimum(1.0, falls / frequency) * np.sin(phase)
+    return Motion(states, shaking), inner
 
 
 def _faded(middle: Array, swing: Array, time: Array, fade: float) -> Motion:

@@ -68,7 +68,8 @@ def chosen(session: Session, description: str) -> dict[str, tuple[Any, str]]:
         for name, (value, reason) in session.found[step]["parameters"].items():
             result[name] = (value, reason)
     if not description:
-        result |= _friction(session)
+        swung = session.found.get("springs", {}).get("parameters", {})
+        result |= _friction(session) | {name: (value, reason) for name, (value, reason) in swung.items()}
     return result
 
 
@@ -98,6 +99,10 @@ def _measured(session: Session) -> list[str]:
     if gravity := _figures(session.found, "gravity"):
         share, deviation = (100.0 * np.array(gravity[name]) for name in ("share", "share_deviation"))
         said.append(f"gravity beyond the description: {_listed(share)} %, ± {_listed(2.0 * deviation)}")
+    springs = _figures(session.found, "springs")
+    if "stiffness" in springs:
+        half = 100.0 * np.array(springs["uncertainty"][1])
+        said.append(f"stiffness of the gears: {_listed(springs['stiffness'])} N m/rad (0: rigid), ± {_listed(half)} %")
     return said
 
 

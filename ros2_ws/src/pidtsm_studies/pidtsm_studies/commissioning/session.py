@@ -11,7 +11,7 @@ import numpy as np
 
 from pidtsm_core.errors import UsageError
 from pidtsm_core.robots import Description
-from pidtsm_studies.commissioning import compare, excite, friction, gains, gravity, lateness, rest
+from pidtsm_studies.commissioning import compare, excite, friction, gains, gravity, lateness, rest, springs
 from pidtsm_studies.commissioning.arm import CommissionError, Wiring
 from pidtsm_studies.commissioning.bench import CAUTION, FIRMNESS, Bench, Follower, Outcome, Plan
 from pidtsm_studies.commissioning.catch import FARTHEST
@@ -48,6 +48,7 @@ STEPS: Mapping[str, Step] = {
     "lateness": Step("Delay and lag", lateness.plan, lateness.run),
     "friction": Step("Friction", friction.plan, friction.run),
     "gravity": Step("Gravity", gravity.plan, gravity.run),
+    "springs": Step("Springs and rotors", springs.plan, springs.run),
     "identify": Step("Inertias", excite.plan, excite.run),
     "gains": Step("Gains", gains.plan, gains.run),
     "compare": Step("Before against new", compare.plan, compare.run),

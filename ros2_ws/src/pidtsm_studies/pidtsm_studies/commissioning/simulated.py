@@ -58,7 +58,7 @@ class SimulatedPort:
         self._nanoseconds = period_nanoseconds(int(as_float(values["rate"])))
         self._sample = 0
         self._wiring = arm.wiring or Wiring.described(self._robot.joints)
-        self._nothing = np.zeros(self._robot.joints)
+        self._effort = np.zeros(self._robot.joints)
         self.truth = self._robot.state.arm.position
 
     @property
@@ -75,7 +75,8 @@ class SimulatedPort:
 
     def act(self, effort: Array | None) -> None:
         """See `Port`."""
-        commanded = effort is not None
-        torque = self._wiring.effort * effort if effort is not None else self._nothing
-        self._robot.act(self._sample, commanded, torque)
+        if effort is not None:
+            self._effort = self._wiring.effort * effort
+        # Without a command the drives keep the last one.
+        self._robot.act(self._sample, effort is not None, self._effort)
         self._sample += 1

@@ -26,6 +26,7 @@ def test_values_and_their_intervals_are_in_the_file_and_hold_the_truth(tmp_path:
     rest, friction, identify = (session.found[step]["figures"] for step in ("rest", "friction", "identify"))
     assert np.allclose(rest["noise"], _NOISE, atol=2.0 * max(rest["noise_half_interval"]))
     assert np.allclose(friction["coulomb"][:2], _COULOMB, rtol=0.2)
+    assert session.found["springs"]["verdict"].startswith("the joints are rigid as far as they can be shaken")
     half = identify["half_interval"]["coulomb"]
     found = identify["parameters"]["compensation.coulomb"]
     assert all(each is None or 0.0 < each < 0.02 for each in half)

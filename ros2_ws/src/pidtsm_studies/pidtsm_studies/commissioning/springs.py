@@ -1,0 +1,200 @@
+"""Step 6: springs of the gears and rotors of the motors, from shaking one joint after the other."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from pidtsm_core.arrays import Array
+from pidtsm_studies.commissioning.arm import CommissionError
+from pidtsm_studies.commissioning.bench import ARMATURE, Bench, Outcome, Plan
+from pidtsm_studies.commissioning.elastic_joints import Answer, Believed, Side, answer
+from pidtsm_studies.commissioning.elasticity import Explanation, explain
+from pidtsm_studies.commissioning.loop import Samples
+from pidtsm_studies.commissioning.model import ArmModel
+from pidtsm_studies.commissioning.motions import Motion, joined, rest, shaken, straight
+
+_BANDS = (11.0, 17.0, 25.0, 37.0, 56.0, 85.0)
+"""Hz; the joint is shaken in each of the bands between these while it moves from one end of its reach to the other."""
+_OF_RATE = 0.35
+"""Largest share of the rate of the joint states that a band may reach."""
+_REACH, _LEAST, _SPEED, _STROKE = 0.5, 0.03, 0.7, 1.4
+"""rad, rad, rad/s and s: how far a joint moves, how far it must be able to, how fast, and how long at least. Slower,
+joints stick and slip."""
+_LOOSE = 0.6
+"""rad; tracking error at which the arm is stopped: joints that stick follow badly."""
+_PAUSE, _GENTLE = 0.2, 1.5
+"""s between two bands, and rad/s^2 on the way to the next joint."""
+_SHARE, _FALLS = 0.05, 15.0
+"""Share of the effort limit that shakes the joint; above this frequency, Hz, it falls like 1 / f."""
+_STANDS, _RARELY, _FEWEST = 0.05, 0.1, 3
+"""rad/s; a joint that is slower for more than this share of a band is held by friction. Fewer bands tell nothing."""
+_ELASTIC = 0.6
+"""Springs count if with them the answers are explained at this share of the cost without."""
+_STIFF = 100.0
+"""Hz; a rotor that would swing faster on its spring than this is taken for rigidly joined to its link."""
+_STAY = "springs and rotors stay as described"
+_ALIKE = 2.0
+"""Factor to which the stiffness of a joint that cannot be shaken is known from the others, and its rotor."""
+_UNSURE = 0.5
+"""Half-interval of the logarithm of a stiffness from which on it is said that it is unsure."""
+
+
+class _Stroke(NamedTuple):
+    """A joint that is shaken in one band, between two times from the begin of the motion, s; Hz."""
+
+    joint: int
+    begin: float
+    end: float
+    low: float
+    high: float
+
+
+def _motion(bench: Bench) -> tuple[Motion | None, list[_Stroke]]:
+    """What shakes all joints that turn and have room, and when it does; None: there are none."""
+    model, reach = bench.model(), bench.reach(bench.model(), _REACH)
+    bands = [band for band in pairwise(_BANDS) if band[1] <= _OF_RATE * bench.rate]
+    parts, strokes, time = [rest(bench.home, _PAUSE)], [], _PAUSE
+    for j in np.flatnonzero(~model.slides & (reach > _LEAST)).tolist():
+        speed, torque = min(_SPEED, 2.0 * reach[j] / _STROKE, model.velocity[j]), _SHARE * float(model.effort[j])
+        side = np.where(np.arange(reach.size) == j, reach, 0.0)
+        begin, end = bench.home - side, bench.home + side
+        for low, high in bands:
+            stroke, (first, last) = shaken(begin, end, speed, torque, (low, high), _FALLS)
+            way = straight(parts[-1].end, begin, np.full(reach.size, _SPEED), np.full(reach.size, _GENTLE))
+            pause = rest(end, _PAUSE)
+            time += way.duration
+            strokes.append(_Stroke(j, time + first, time + last, low, high))
+            parts += [way, stroke, pause]
+            time += stroke.duration + pause.duration
+            begin, end = end, begin
+    parts.append(straight(parts[-1].end, bench.home, np.full(reach.size, _SPEED), np.full(reach.size, _GENTLE)))
+    return (joined(*parts) if strokes else None), strokes
+
+
+def plan(bench: Bench) -> Plan:
+    """See `session.STEPS`."""
+    motion, _ = _motion(bench)
+    text = (
+        f"One joint after the other moves slowly, and is shaken with up to {100.0 * _SHARE:g} % of its torque limit at "
+        f"{_BANDS[0]:g} to {_BANDS[-1]:g} Hz: expect to hear it."
+    )
+    return bench.plan(text, motion or rest(bench.home, _PAUSE), bench.model())
+
+
+def run(bench: Bench) -> Outcome:
+    """See `session.STEPS`; without an arm that can be followed, the session goes on without springs."""
+    motion, strokes = _motion(bench)
+    if motion is None:
+        return Outcome(f"{_STAY}: no joint turns, has room, and is sampled fast enough", {})
+    try:
+        samples = bench.follow(motion, error=_LOOSE, again=_LOOSE)
+    except CommissionError as reason:
+        return Outcome(_STAY, {}, [f"the springs are not found: {reason}"])
+    kept = {"springs": samples}
+    answers = _answers(bench, samples.motion, strokes)
+    if not answers:
+        return Outcome(_STAY, {}, ["the springs are not found: friction holds the joints"], samples=kept)
+    model, rest_of = bench.model(), bench.found["rest"]
+    noise = np.maximum(rest_of["noise"], np.array(rest_of["step"]) / np.sqrt(12.0))
+    # The matrices are small: several threads of BLAS would wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = explain(answers, Believed(bench.rotors, model.effort, noise, 1.0 / bench.rate))
+    springs = min((found[side] for side in (Side.MOTOR, Side.LINK)), key=lambda each: each.cost)
+    if springs.cost > _ELASTIC * found[Side.RIGID].cost:
+        figures = {"delay": found[Side.RIGID].delay, **_curves(found[Side.RIGID])}
+        return Outcome(f"the joints are rigid as far as they can be shaken; {_STAY}", figures, samples=kept)
+    held = sorted({stroke.joint for stroke in strokes} - {each.joint for each in answers})
+    springs = _with_held(springs, held, bench.rotors, model.effort)
+    return _concluded(model, springs, held, samples)
+
+
+def _answers(bench: Bench, moved: Samples, strokes: Sequence[_Stroke]) -> list[Answer]:
+    model, rotors, period = bench.model(), bench.rotors, 1.0 / bench.rate
+    shaken_joints = {stroke.joint for stroke in strokes}
+    apart = np.diag([rotor if j in shaken_joints else 0.0 for j, rotor in enumerate(rotors)])
+    found = []
+    for stroke in strokes:
+        rows = (moved.time >= stroke.begin) & (moved.time < stroke.end + 0.5 * _PAUSE)
+        if _slides(moved, rows, stroke.joint):
+            time, position, effort = (each[rows] for each in (moved.time, moved.position, moved.effort))
+            links = model.inertia(position.mean(axis=0)) - apart
+            band = (stroke.low, stroke.high)
+            found.append(answer(time, position, effort[:, stroke.joint], stroke.joint, band, period, links))
+    counts = np.bincount([each.joint for each in found], minlength=len(model.joints))
+    return [each for each in found if counts[each.joint] >= _FEWEST]
+
+
+def _slides(moved: Samples, rows: NDArray[np.bool_], j: int) -> bool:
+    """Whether joint j goes on all the time; friction that holds it would be taken for springs."""
+    velocity = np.gradient(moved.position[rows, j], moved.time[rows])
+    demanded = moved.desired[rows, 1, j]
+    fast = np.abs(demanded) > 0.5 * np.abs(demanded).max()
+    return bool(np.mean((velocity * np.sign(demanded))[fast] < _STANDS) < _RARELY)
+
+
+def _with_held(found: Explanation, held: Sequence[int], rotors: Array, effort: Array) -> Explanation:
+    """With springs of the joints that friction holds, as stiff as those of the others; gears of one arm are alike."""
+    alike = np.isin(np.arange(effort.size), held) & (rotors > 0.0)
+    per_effort = np.exp(np.mean(np.log(found.stiffness[found.rotor > 0.0] / effort[found.rotor > 0.0])))
+    stiffness = np.where(alike, per_effort * effort, found.stiffness)
+    damping = np.where(alike, found.relaxation * stiffness, found.damping)
+    uncertainty = np.where(alike, np.log(_ALIKE), found.uncertainty)
+    return replace(
+        found,
+        rotor=np.where(found.rotor > 0.0, found.rotor, rotors),
+        stiffness=stiffness,
+        damping=damping,
+        uncertainty=uncertainty,
+    )
+
+
+def _concluded(model: ArmModel, found: Explanation, held: Sequence[int], samples: Samples) -> Outcome:
+    joints = model.joints
+    with np.errstate(divide="ignore", invalid="ignore"):
+        resonance = np.sqrt(found.stiffness / found.rotor) / (2.0 * np.pi)
+    soft = (found.stiffness > 0.0) & (resonance < _STIFF)
+    stiffness, damping = (np.where(soft, each, 0.0) for each in (found.stiffness, found.damping))
+    problems = [f"{joints[j]} cannot be shaken, because friction holds it; it is taken for as stiff" for j in held]
+    problems += [
+        f"the stiffness of {joints[j]} is known to a factor of {np.exp(found.uncertainty[1, j]):.2g} only"
+        for j in np.flatnonzero(soft & (found.uncertainty[1] > _UNSURE))
+        if j not in held
+    ]
+    figures = {
+        "encoder": found.side.value,
+        "rotor": found.rotor.tolist(),
+        "stiffness": stiffness.tolist(),
+        "damping": damping.tolist(),
+        "uncertainty": found.uncertainty.tolist(),
+        "resonance": [float(each) if is_soft else None for each, is_soft in zip(resonance, soft, strict=True)],
+        "delay": found.delay,
+        **_curves(found),
+    }
+    half = ", ".join(f"{100.0 * each:.0f}" for each in found.uncertainty[0])
+    reason = f"rotors that show when the joints are shaken, ± {half} % (95 %)"
+    parameters = {ARMATURE: (found.rotor.tolist(), reason)}
+    if not soft.any():
+        verdict = "the joints are rigid as far as they can be shaken"
+        return Outcome(verdict, figures, problems, parameters, {"springs": samples})
+    softest = int(np.argmin(np.where(soft, resonance, np.inf)))
+    verdict = (
+        f"{np.count_nonzero(soft)} of {soft.size} joints are elastic, with encoders at the {found.side.value}s: rotors "
+        f"swing on their springs at {resonance[softest]:.0f} Hz ({joints[softest]}) and more; torques act "
+        f"{1e3 * found.delay:.1f} ms after the position that they answer"
+    )
+    return Outcome(verdict, figures, problems, parameters, {"springs": samples})
+
+
+def _curves(found: Explanation) -> dict[str, Any]:
+    """Frequencies (Hz) of the answers, the joints that were shaken, and accelerations per torque, 1/(kg m^2)."""
+    return {
+        "frequency": (found.rate / (2.0 * np.pi)).tolist(),
+        "joint": found.joint.tolist(),
+        "measured": found.measured.tolist(),
+        "explained": found.explained.tolist(),
+    }
