@@ -10,15 +10,18 @@ import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
-from support.nursery import forked_command
+from support.nursery import begin, forked_command
 from support.registered import forget
 
 from pidtsm_experiments.cli import main
+from pidtsm_experiments.runs import blind
 from pidtsm_experiments.runs.domain import own_domain
+from pidtsm_studies.blind.arms import blind_arm
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENTS = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *ROOT.glob("docs/**/*.md")])
@@ -26,6 +29,8 @@ DEADLINE = 300.0
 """s for the commands of one block; only a failing test takes that long."""
 ENDING = 10.0
 """s; likewise."""
+BLIND = 5.0
+"""s of the blind arm, instead of 20; test_diagnose.py judges what is found in recordings."""
 
 _FENCE = re.compile(r"^```(\w+)[ \t]*([^\n]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _TITLE = re.compile(r'title="([^"]+)"')
@@ -78,6 +83,8 @@ def named(document: Path) -> str:
 def environment(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, str]]:
     """Of a reader who has stored no arm."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("configuration")))
+    begin()
+    monkeypatch.setattr(blind, "blind_arm", partial(blind_arm, duration=BLIND))
     with own_domain() as domain:
         yield {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
     forget()

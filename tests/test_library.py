@@ -8,7 +8,9 @@ import json
 import os
 import subprocess
 import sys
+from collections import ChainMap
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 
@@ -94,14 +96,19 @@ def outcome(which: str, folder: Path) -> Outcomes:
 
 
 def commands(pidtsm: Path, folder: Path, environment: dict[str, str]) -> dict[str, str]:
-    """What some commands print: those that must find files of the wheel, and some that need ROS."""
-    working = ("demo", "rollout --duration 0.5 --bag --out bag", "analyze bag/bag")
-    failing = ("run", "live", "nodes list", "move --to 0 0")
-    codes = {**dict.fromkeys(working, 0), **dict.fromkeys(failing, 1), "shell": 2, "limit": 2}
-    return {
-        words: call(pidtsm, *words.split(), environment=environment, cwd=folder, code=code)
-        for words, code in codes.items()
-    }
+    """What some commands print: those that must find files of the wheel, and some that need ROS; two at a time."""
+    # After each other: what one has written, the next reads.
+    working = (("demo",), ("rollout --duration 0.5 --bag --out bag", "analyze bag/bag"))
+    failing = {**dict.fromkeys(("run", "live", "nodes list", "move --to 0 0"), 1), "shell": 2, "limit": 2}
+
+    def printed(each: tuple[str, ...]) -> dict[str, str]:
+        return {
+            words: call(pidtsm, *words.split(), environment=environment, cwd=folder, code=failing.get(words, 0))
+            for words in each
+        }
+
+    with ThreadPoolExecutor(2) as two:
+        return dict(ChainMap(*two.map(printed, (*working, *((words,) for words in failing)))))
 
 
 @pytest.fixture(scope="module")

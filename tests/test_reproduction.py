@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.nursery import begin
 
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.rollouts.closed_loop import rollout
 from pidtsm_experiments.bags.reader import read_recording
 from pidtsm_experiments.cli import main
-from pidtsm_experiments.runs.reproduction import PRELOADED, Planned, make_runs, plan
+from pidtsm_experiments.runs.reproduction import Planned, make_runs, plan
 from pidtsm_experiments.runs.runner import run
 
 DEADLINE = 300.0
@@ -123,11 +124,9 @@ def test_an_interrupted_reproduction_is_taken_up(tmp_path: Path) -> None:
     assert names <= {file.name for file in (folder / "figures").iterdir()}
 
 
-def test_an_interrupt_while_the_process_of_a_run_is_deleted_is_not_lost(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupt_while_the_process_of_a_run_is_deleted_is_not_lost(tmp_path: Path) -> None:
     """An exception is ignored there, so it would be lost if it was raised at once."""
-    monkeypatch.setattr("pidtsm_experiments.runs.reproduction.PRELOADED", [*PRELOADED, "support.forked_runs"])
+    begin()
     deleted: list[int] = []
 
     def interrupt(process: int) -> None:

@@ -1,4 +1,4 @@
-"""Preloaded by a reproduction under test: its runs fork their nodes, too."""
+"""Preloaded by what forks nodes, and by a reproduction under test: its runs fork their nodes, too."""
 
 from pidtsm_experiments.runs import runner
 from support import nursery_preload  # noqa: F401

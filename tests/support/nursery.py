@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,8 @@ from pidtsm_experiments.runs import runner
 from pidtsm_experiments.runs.runner import Process
 
 _NURSERY = multiprocessing.get_context("forkserver")
-_NURSERY.set_forkserver_preload(["support.nursery_preload"])
+_PRELOADED = ["support.forked_runs"]
+_NURSERY.set_forkserver_preload(_PRELOADED)
 _PR_SET_PDEATHSIG, _PR_SET_NAME = 1, 15
 _FOLDER = str(Path(__file__).parents[1])
 
@@ -29,6 +31,17 @@ _FOLDER = str(Path(__file__).parents[1])
 def _context() -> Any:
     """How to fork: a process that was forked itself has imported everything already, see `forked_runs`."""
     return _NURSERY if multiprocessing.parent_process() is None else multiprocessing.get_context("fork")
+
+
+def begin() -> None:
+    """Start the process that forks, unless it runs: who starts it decides for all tests what it has imported.
+
+    A reproduction in the process of a test forks its runs from it, too, and would start one without the nodes.
+    """
+    _NURSERY.set_forkserver_preload(_PRELOADED)
+    # So that the process finds the modules beside this one.
+    with patch.dict(os.environ, PYTHONPATH=os.pathsep.join([_FOLDER, os.environ.get("PYTHONPATH", "")])):
+        forkserver.ensure_running()
 
 
 class NurseryProcess(Process):
@@ -60,9 +73,9 @@ class _Popen:
     def __init__(self, process: Any, stdout: Connection | None) -> None:
         self._process = process
         self.stdout = os.fdopen(os.dup(stdout.fileno()), "rb") if stdout else None
-        # So that the process that forks, which the first call starts, finds the modules beside this one.
-        with patch.dict(os.environ, PYTHONPATH=os.pathsep.join([_FOLDER, os.environ.get("PYTHONPATH", "")])):
-            process.start()
+        if multiprocessing.parent_process() is None:
+            begin()
+        process.start()
         self.pid: int = process.pid
 
     @property

@@ -77,3 +77,9 @@ def settings(profiles: str) -> list[str]:
 def test_a_loopback_profile_differs_in_the_transport_alone(name: str) -> None:
     assert settings(f"{name}.xml") == settings(f"{name}_loopback.xml")
     assert settings(f"{name}.xml")
+
+
+@pytest.mark.parametrize("file", sorted(FOLDER.glob("fastdds*.xml")), ids=lambda file: file.stem)
+def test_nodes_announce_themselves_so_often_that_a_command_finds_them_at_once(file: Path) -> None:
+    (period,) = ElementTree.parse(file).getroot().iter("{http://www.eprosima.com}leaseAnnouncement")
+    assert [int(each.text or "") for each in period] == [0, 500_000_000]

@@ -19,7 +19,7 @@ from pidtsm_experiments.live.system import System
 from pidtsm_ros.security import SecurityError, prepare_process
 
 FOUND_WITHIN = 5.0
-"""s; discovery on one machine takes up to 3."""
+"""s; discovery takes half a second, with profiles other than ours up to 3."""
 _NAME = "pidtsm_nodes"
 _POLL = 0.02  # s
 _START = "start one with ./pidtsm nodes start, or name the domain with ROS_DOMAIN_ID and the namespace with --namespace"

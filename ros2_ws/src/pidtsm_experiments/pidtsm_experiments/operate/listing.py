@@ -21,7 +21,8 @@ from pidtsm_msgs.msg import ControllerState
 _MARKS = {"controller": "law.name", "trajectory": "reference.name", "simulator": "robot.description"}
 """By name of a node, a parameter that a foreign node of the same name lacks."""
 _SETTLE = 3.2
-"""s in which the others are discovered, after the first: one that misses them discovers them 3 s later."""
+"""s in which the others are discovered, after the first: with profiles other than ours, one that misses them discovers
+them 3 s later."""
 _REPORT_WITHIN = 1.5
 """s; nodes report once a second."""
 _POLL = 0.05  # s
