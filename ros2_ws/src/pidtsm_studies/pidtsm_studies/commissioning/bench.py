@@ -153,7 +153,7 @@ class Bench:
 
     @property
     def swung(self) -> Array | None:
-        """Inertias of the rotors that were seen to swing on their springs, likewise; None: none were."""
+        """Inertias of the rotors that were seen to swing on their springs, shape (joints,), kg m^2; None: none were."""
         swung = self.found.get("springs", {}).get("rotor")
         return None if swung is None else np.array(swung)
 

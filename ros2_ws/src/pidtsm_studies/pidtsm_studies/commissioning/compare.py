@@ -1,4 +1,4 @@
-"""Step 8: the new parameters against those before, in turns, on the motion that the arm is for."""
+"""Step 9: the new parameters against those before, in turns, on the motion that the arm is for."""
 
 from typing import Any
 

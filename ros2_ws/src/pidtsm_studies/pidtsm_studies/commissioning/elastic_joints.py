@@ -143,7 +143,7 @@ class Unknowns(NamedTuple):
 
     @classmethod
     def of(cls, vector: Array, shaken: int) -> "Unknowns":
-        """From one vector."""
+        """From one vector, shape (5 shaken + 4,)."""
         return cls(*np.split(vector, np.cumsum([shaken] * 5 + [1] * 3)))
 
 
@@ -167,7 +167,7 @@ class Equations:
         self._held = np.exp(-self.s * half) * np.sinc(np.abs(self.s) * half / np.pi)
 
     def unknowns(self, vector: Array) -> Unknowns:
-        """What is sought, from one vector."""
+        """What is sought, from one vector, shape (5 shaken + 4,)."""
         return Unknowns.of(vector, self.shaken.size)
 
     def all_joints(self, values: Array) -> Array:

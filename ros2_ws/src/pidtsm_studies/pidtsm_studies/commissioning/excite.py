@@ -1,4 +1,4 @@
-"""Step 6: a motion that shows inertias and friction, and the description that explains its torques."""
+"""Step 7: a motion that shows inertias and friction, and the description that explains its torques."""
 
 from typing import Any
 

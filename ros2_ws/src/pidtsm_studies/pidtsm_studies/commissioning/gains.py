@@ -1,4 +1,4 @@
-"""Step 7: gains by the rule, raised until the torque is as rough as allowed, then back by 30 %."""
+"""Step 8: gains by the rule, raised until the torque is as rough as allowed, then back by 30 %."""
 
 from typing import Any
 

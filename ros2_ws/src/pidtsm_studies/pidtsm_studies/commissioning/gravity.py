@@ -1,4 +1,4 @@
-"""Step 5: the torque that carries the arm in some postures, against that of the description.
+"""Step 6: the torque that carries the arm in some postures, against that of the description.
 
 Friction holds an arm in any posture with any torque within its limits. So the arm passes each posture slowly in both
 directions, and the mean of the two torques counts.

@@ -66,6 +66,7 @@ def _answers(session: Session, looks: Sequence[str]) -> list[Answer]:
     return [
         Answer("Is the arm wired as described?", told("signs"), state=BAD if inverted else PLAIN),
         Answer("How good are its signals?", told("rest"), told("lateness")),
+        Answer("Are the joints elastic?", told("springs")),
         Answer("Is the description right?", told("gravity"), told("identify")),
         Answer(
             "What to look at?",
@@ -107,6 +108,8 @@ def _charts(
             "signs-way",
             _over_time(model, samples, 1e3 * (samples.position - samples.position[0])),
         )
+    elif name == "springs" and "frequency" in figures:
+        yield "Acceleration per torque", "springs-answers", _shaking(model, figures)
     elif name == "gains":
         levels = figures["levels"]
         at = np.array([each["level"] for each in levels])
@@ -134,6 +137,23 @@ def _over_time(model: ArmModel, samples: Samples, values: Array, axis: Axis = _E
     return chart(lines, _TIME, axis)
 
 
+def _shaking(model: ArmModel, figures: dict[str, Any]) -> dict[str, Any]:
+    """What was measured as points, and what explains it as lines, over the frequency."""
+    frequency, shaken, measured, explained = (
+        np.array(figures[name]) for name in ("frequency", "joint", "measured", "explained")
+    )
+    lines = []
+    for j in np.unique(shaken).tolist():
+        of_joint = np.flatnonzero(shaken == j)
+        rows = of_joint[np.argsort(frequency[of_joint], kind="stable")]
+        joint = model.joints[j]
+        lines.append(Line(f"{joint}, measured", j, frequency[rows], measured[rows], _POINTS))
+        lines.append(Line(f"{joint}, explained", j, frequency[rows], explained[rows]))
+    return chart(lines, Axis("frequency, Hz", logarithmic=True), Axis("1/(kg m^2)", logarithmic=True))
+
+
+_POINTS = 4
+"""px."""
 _COLUMNS = {
     "signs": {"position": "position", "effort": "torque", "moved": "moved at most", "known_by": "known by"},
     "rest": {"noise": "noise", "step": "step"},
@@ -145,6 +165,7 @@ _COLUMNS = {
         "zero": "zero offset",
         "zero_deviation": "its deviation",
     },
+    "springs": {"resonance": "rotor swings at, Hz", "stiffness": "stiffness", "damping": "damping", "rotor": "rotor"},
     "identify": {"before": "torque error described", "after": "identified"},
     "gains": {"bandwidth": "bandwidth of the observer"},
 }

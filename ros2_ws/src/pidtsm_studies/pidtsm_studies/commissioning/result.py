@@ -90,7 +90,8 @@ def _measured(session: Session) -> list[str]:
         noise, half = (1e3 * np.array(rest[name]) for name in ("noise", "noise_half_interval"))
         said.append(f"noise of the positions: {_listed(noise)} mrad or mm, ± {_listed(half)}")
     if "lateness" in session.found:
-        said.append(session.found["lateness"]["verdict"])
+        step = "springs" if "delay" in _figures(session.found, "springs") else "lateness"
+        said.append(session.found[step]["verdict"])
     if friction := _figures(session.found, "friction"):
         said.append(
             f"Coulomb friction of the sweeps: {_listed(friction['coulomb'])} N m or N, "

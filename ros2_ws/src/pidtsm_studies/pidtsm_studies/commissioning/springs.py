@@ -1,4 +1,4 @@
-"""Step 6: springs of the gears and rotors of the motors, from shaking one joint after the other."""
+"""Step 5: springs of the gears and rotors of the motors, from shaking one joint after the other."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,8 +40,6 @@ _STIFF = 100.0
 _STAY = "springs and rotors stay as described"
 _ALIKE = 2.0
 """Factor to which the stiffness of a joint that cannot be shaken is known from the others, and its rotor."""
-_UNSURE = 0.5
-"""Half-interval of the logarithm of a stiffness from which on it is said that it is unsure."""
 
 
 class _Stroke(NamedTuple):
@@ -105,12 +103,13 @@ def run(bench: Bench) -> Outcome:
     with threadpool_limits(limits=1, user_api="blas"):
         found = explain(answers, Believed(bench.rotors, model.effort, noise, 1.0 / bench.rate))
     springs = min((found[side] for side in (Side.MOTOR, Side.LINK)), key=lambda each: each.cost)
-    if springs.cost > _ELASTIC * found[Side.RIGID].cost:
-        figures = {"delay": found[Side.RIGID].delay, **_curves(found[Side.RIGID])}
+    rigid = found[Side.RIGID]
+    if springs.cost > _ELASTIC * rigid.cost or not _soft(springs).any():
+        figures = {"delay": rigid.delay, **_curves(rigid)}
         return Outcome(f"the joints are rigid as far as they can be shaken; {_STAY}", figures, samples=kept)
     held = sorted({stroke.joint for stroke in strokes} - {each.joint for each in answers})
-    springs = _with_held(springs, held, bench.rotors, model.effort)
-    return _concluded(model, springs, held, samples)
+    outcome = _concluded(model, _with_held(springs, held, bench.rotors, model.effort), held)
+    return replace(outcome, samples=kept, parameters=outcome.parameters if bench.takes_rotors else {})
 
 
 def _answers(bench: Bench, moved: Samples, strokes: Sequence[_Stroke]) -> list[Answer]:
@@ -153,23 +152,25 @@ def _with_held(found: Explanation, held: Sequence[int], rotors: Array, effort: A
     )
 
 
-def _concluded(model: ArmModel, found: Explanation, held: Sequence[int], samples: Samples) -> Outcome:
-    joints = model.joints
+def _resonance(found: Explanation) -> Array:
+    """At what each rotor swings on its spring while the links stand, shape (joints,), Hz; nan: it was not shaken."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        resonance = np.sqrt(found.stiffness / found.rotor) / (2.0 * np.pi)
-    soft = (found.stiffness > 0.0) & (resonance < _STIFF)
-    stiffness, damping = (np.where(soft, each, 0.0) for each in (found.stiffness, found.damping))
-    problems = [f"{joints[j]} cannot be shaken, because friction holds it; it is taken for as stiff" for j in held]
-    problems += [
-        f"the stiffness of {joints[j]} is known to a factor of {np.exp(found.uncertainty[1, j]):.2g} only"
-        for j in np.flatnonzero(soft & (found.uncertainty[1] > _UNSURE))
-        if j not in held
-    ]
+        return np.asarray(np.sqrt(found.stiffness / found.rotor) / (2.0 * np.pi))
+
+
+def _soft(found: Explanation) -> NDArray[np.bool_]:
+    """Which joints are elastic, shape (joints,)."""
+    return np.asarray((found.stiffness > 0.0) & (_resonance(found) < _STIFF))
+
+
+def _concluded(model: ArmModel, found: Explanation, held: Sequence[int]) -> Outcome:
+    """What is concluded from springs; `held`: joints that friction held."""
+    resonance, soft = _resonance(found), _soft(found)
     figures = {
         "encoder": found.side.value,
         "rotor": found.rotor.tolist(),
-        "stiffness": stiffness.tolist(),
-        "damping": damping.tolist(),
+        "stiffness": np.where(soft, found.stiffness, 0.0).tolist(),
+        "damping": np.where(soft, found.damping, 0.0).tolist(),
         "uncertainty": found.uncertainty.tolist(),
         "resonance": [float(each) if is_soft else None for each, is_soft in zip(resonance, soft, strict=True)],
         "delay": found.delay,
@@ -177,17 +178,17 @@ def _concluded(model: ArmModel, found: Explanation, held: Sequence[int], samples
     }
     half = ", ".join(f"{100.0 * each:.0f}" for each in found.uncertainty[0])
     reason = f"rotors that show when the joints are shaken, ± {half} % (95 %)"
-    parameters = {ARMATURE: (found.rotor.tolist(), reason)}
-    if not soft.any():
-        verdict = "the joints are rigid as far as they can be shaken"
-        return Outcome(verdict, figures, problems, parameters, {"springs": samples})
     softest = int(np.argmin(np.where(soft, resonance, np.inf)))
     verdict = (
         f"{np.count_nonzero(soft)} of {soft.size} joints are elastic, with encoders at the {found.side.value}s: rotors "
-        f"swing on their springs at {resonance[softest]:.0f} Hz ({joints[softest]}) and more; torques act "
+        f"swing on their springs at {resonance[softest]:.0f} Hz ({model.joints[softest]}) and more; torques act "
         f"{1e3 * found.delay:.1f} ms after the position that they answer"
     )
-    return Outcome(verdict, figures, problems, parameters, {"springs": samples})
+    problems = [
+        f"{model.joints[j]} cannot be shaken, because friction holds it; its gear is taken for as stiff as the others"
+        for j in held
+    ]
+    return Outcome(verdict, figures, problems, {ARMATURE: (found.rotor.tolist(), reason)})
 
 
 def _curves(found: Explanation) -> dict[str, Any]:

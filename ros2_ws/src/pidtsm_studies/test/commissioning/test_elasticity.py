@@ -82,7 +82,7 @@ def test_springs_rotors_and_lateness_are_found(side: Side, described: Array) -> 
     ):
         assert np.all(np.abs(np.log(sought / true)) < half + 0.05)
     clear = springs.rate < 2.0 * np.pi * BANDS[-1][0]
-    assert np.median(np.abs(np.log(springs.explained / springs.measured))[clear]) < 0.05
+    assert np.median(np.abs(np.log(springs.explained / springs.measured))[clear]) < 0.1
 
 
 def test_an_arm_without_springs_is_explained_as_well_without() -> None:
