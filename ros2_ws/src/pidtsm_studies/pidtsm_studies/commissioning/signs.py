@@ -18,6 +18,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.arm import CommissionError, Port, Wired, Wiring
 from pidtsm_studies.commissioning.catch import AwayError, Catch
 from pidtsm_studies.commissioning.model import ArmModel
+from pidtsm_studies.commissioning.weigh import tapped, weighed
 
 _FREE = 0.25
 """s in which the arm is carried by the model alone."""
@@ -29,10 +30,6 @@ _LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
 """Delays that are thought possible, s."""
 _NUDGE, _NUDGE_TIME, _QUIET = 0.5, 1.0, 0.15
 """Largest share of the effort limit of a nudge, time in which it grows to that, and time between nudges, s."""
-_SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
-"""Hz, periods, largest share of the effort limit, and way in multiples of what is visible, of shaking a joint."""
-_EXPLAINED, _STICKY = 0.1, 0.8
-"""Share of the shaking that may stay unexplained, and share of the torque that friction may take."""
 _SEVERAL, _ODD, _ODD_SHARE = 3, 2.0, 0.06
 """Of so many nudged joints at least, one sticks that takes so many times the others' share of its limit, and so much.
 """
@@ -174,8 +171,9 @@ def _found(catch: Catch, of_position: Array, may_turn: bool) -> tuple[Signs, Cal
             problems += [problem] if problem else []
     catch.judges = False  # What is shaken shall not be judged by that.
     problems += _sticking(catch, breakaway)
-    # What sticks would be taken for heavy.
-    inertia = np.array([_weighed(catch, j) if np.isnan(breakaway[j]) else np.nan for j in range(joints)])
+    inertia = np.array(
+        [weighed(catch, j) if np.isnan(each) else tapped(catch, j, each) for j, each in enumerate(breakaway)]
+    )
     hold = _held(catch)
     wiring = _which(catch, hold)
     wiring = Wiring(of_position * wiring.position, wiring.effort)
@@ -293,41 +291,6 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
         return breakaway, ""
     other = catch.model.joints[int(others.argmax())]
     return breakaway, f"a nudge of {name} moves {other} more: is the order of the joints right?"
-
-
-def _weighed(catch: Catch, j: int) -> float:
-    """The inertia that a joint shows when it is shaken a little, kg m^2 or kg; nan: it does not move."""
-    dt, rate = catch.port.period, 2.0 * np.pi * _SHAKEN
-    # The others get what keeps them where they are: a light one would be thrown.
-    pattern = catch.inertia[:, j] / catch.inertia[j, j]
-    push = 2.0 * float(catch.inertia[j, j]) * rate**2 * catch.visible[j]
-    bound = _SHAKE * float((catch.model.effort / np.maximum(np.abs(pattern), 1e-9)).min())
-    while True:
-        push = min(push, bound)
-        first = len(catch.rows)
-        for k in range(round(_PERIODS / (_SHAKEN * dt))):
-            catch.step(push * np.sin(rate * dt * k) * pattern)
-        q = np.array([row[1][j] for row in catch.rows[first:]])
-        if np.ptp(q) > _CLEAR * catch.visible[j]:
-            break
-        if push == bound:
-            return np.nan
-        push *= 2.0
-    torque = np.array([row[2][j] for row in catch.rows[first:]]) - catch.carried[j]
-    speed = np.gradient(q, dt)
-    sliding = np.tanh(speed / max(0.1 * float(np.abs(speed).max()), 1e-9))
-    time = dt * np.arange(q.size)
-    # Twice integrated, because the positions are too coarse to be differentiated twice.
-    columns = np.column_stack(
-        [np.ones_like(time), time, time**2, *(dt**2 * np.cumsum(np.cumsum(each)) for each in (torque, sliding))]
-    )
-    size = np.abs(columns).max(axis=0) + 1e-12
-    fit = np.linalg.lstsq(columns / size, q, rcond=None)[0]
-    left = float(np.std(q - columns / size @ fit) / np.std(q))
-    mobility, stopped = (fit / size)[3:]
-    # What sticks is not explained, or mostly by friction.
-    sticks = abs(stopped) > _STICKY * mobility * float(np.std(torque))
-    return 1.0 / float(mobility) if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
 
 
 def _sticking(catch: Catch, breakaway: Array) -> list[str]:
