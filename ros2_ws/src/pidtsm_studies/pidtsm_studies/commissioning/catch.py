@@ -14,8 +14,8 @@ _VISIBLE_NOISE, _VISIBLE_STEPS, _VISIBLE = 6.0, 2.5, 0.001
 """A joint has moved if it is farther away than these multiples of noise and encoder step, and than this, rad or m."""
 _RATE_FILTER = 150.0
 """rad/s; of the velocity for the damper."""
-_CREEPS = 0.003
-"""rad/s or m/s; a caught joint that is slower counts as held by friction."""
+_CREEPS, _WATCH = 0.45, 0.1
+"""A joint that moves less than this share of what is visible, in so many s, counts as held by friction."""
 _FEW = 6
 """Samples that are too few to tell how a joint reacts to the catch."""
 _REACTS = 0.01
@@ -67,6 +67,8 @@ class Catch:
         self.inertia = model.inertia(at)
         self.carried = model.gravity(at[np.newaxis])[0]
         self._sum, self._rate, self._last = np.zeros(joints), np.zeros(joints), at.copy()
+        self._past = [at.copy()] * max(1, round(_WATCH / port.period))  # positions of the last samples
+        self.moves = np.zeros(joints, dtype=bool)  # else friction holds it
         self._stamp = -1
         self.judges = False
         self._speed = np.zeros(joints)  # largest of each joint since it was caught
@@ -86,7 +88,7 @@ class Catch:
         self.inverted.append(j)
         if carried:
             self.carried[j] *= -1.0
-            self._weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
+            self.weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
 
     def catch(self, j: int) -> None:
         """Catch a joint; if it then goes on as it moves now, its sign was wrong."""
@@ -119,9 +121,9 @@ class Catch:
                 self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
                 self._sum[:] = 0.0
                 if abs(mobility) < described / _HEAVY:
-                    self._weigh(j, mobility)
+                    self.weigh(j, mobility)
             elif 0.0 < mobility < described / _HEAVY:  # The catch is too weak, as for a rotor that is not described.
-                self._weigh(j, max(mobility, 0.5 * described))
+                self.weigh(j, max(mobility, 0.5 * described))
             self.sure[j] = True
             for other in np.flatnonzero(self.caught).tolist():
                 self.catch(other)  # It was pushed too, and shall not be judged by that.
@@ -142,8 +144,8 @@ class Catch:
         size = np.abs(columns).max(axis=0) + 1e-12
         return float(np.linalg.lstsq(columns / size, q, rcond=None)[0][-1] / size[-1])
 
-    def _weigh(self, j: int, mobility: float) -> None:
-        """Take over the inertia that joint j has shown; rotors are often not described."""
+    def weigh(self, j: int, mobility: float) -> None:
+        """Take over the inertia that joint j has shown, as 1/(kg m^2); rotors are often not described."""
         described = float(np.diag(self.model.inertia(self.start))[j])
         self.inertia[j], self.inertia[:, j] = 0.0, 0.0
         self.inertia[j, j] = np.clip(1.0 / max(abs(mobility), 1e-9), 0.5 * described, _HEAVIEST * described)
@@ -184,7 +186,9 @@ class Catch:
                 "description"
             )
         # Of a joint that sticks, the integral would grow until it leaps.
-        self._sum += np.where(self.caught & (np.abs(self._rate) > _CREEPS), way * dt, 0.0)
+        self._past.append(q.copy())
+        self.moves = np.abs(q - self._past.pop(0)) > _CREEPS * self.visible
+        self._sum += np.where(self.caught & self.moves, way * dt, 0.0)
         pole = self.stiff
         pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
         held = -self.inertia @ np.where(self.caught, pull, 0.0)

@@ -18,7 +18,8 @@ from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.arm import CommissionError, Port, Wired, Wiring
 from pidtsm_studies.commissioning.catch import AwayError, Catch
 from pidtsm_studies.commissioning.model import ArmModel
-from pidtsm_studies.commissioning.weigh import tapped, weighed
+from pidtsm_studies.commissioning.nudge import NUDGE, NUDGE_TIME, brake, loosen
+from pidtsm_studies.commissioning.weigh import inertias, is_quick
 
 _FREE = 0.25
 """s in which the arm is carried by the model alone."""
@@ -28,8 +29,8 @@ _MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
 """Ratios of true and described gravity that are thought possible here."""
 _LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
 """Delays that are thought possible, s."""
-_NUDGE, _NUDGE_TIME, _QUIET = 0.5, 1.0, 0.15
-"""Largest share of the effort limit of a nudge, time in which it grows to that, and time between nudges, s."""
+_QUIET, _BRAKING = 0.15, 0.75
+"""Time between nudges, s, and largest torque that slows a nudged joint, as a share of the nudge."""
 _SEVERAL, _ODD, _ODD_SHARE = 3, 2.0, 0.06
 """Of so many nudged joints at least, one sticks that takes so many times the others' share of its limit, and so much.
 """
@@ -55,8 +56,7 @@ class Signs:
         known_by: for each joint: ``release`` or ``nudge``.
         hold: mean torque that held the arm, shape (joints,), N m or N.
         breakaway: of nudged joints the torque at which they moved, else nan, shape (joints,).
-        inertia: what a shaken joint has shown while the others were held, shape (joints,), kg m^2 or kg; nan: friction
-            holds it, or it was nudged.
+        inertia: what a joint has shown that was shaken or tapped, shape (joints,), kg m^2 or kg; nan: nothing.
         problems: sentences.
         time: s, shape (samples,); position and effort: shape (samples, joints).
     """
@@ -171,9 +171,8 @@ def _found(catch: Catch, of_position: Array, may_turn: bool) -> tuple[Signs, Cal
             problems += [problem] if problem else []
     catch.judges = False  # What is shaken shall not be judged by that.
     problems += _sticking(catch, breakaway)
-    inertia = np.array(
-        [weighed(catch, j) if np.isnan(each) else tapped(catch, j, each) for j, each in enumerate(breakaway)]
-    )
+    loose = np.array([_loosened(catch, j) if np.isnan(each) else each for j, each in enumerate(breakaway)])
+    inertia = inertias(catch, loose)
     hold = _held(catch)
     wiring = _which(catch, hold)
     wiring = Wiring(of_position * wiring.position, wiring.effort)
@@ -264,26 +263,21 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
     Raises:
         CommissionError: it does not move.
     """
-    name, bound = catch.model.joints[j], _NUDGE * catch.model.effort[j]
-    begin = np.mean([catch.step() for _ in range(5)], axis=0)
-    count, extra, moved = max(2, round(_NUDGE_TIME / catch.port.period)), np.zeros(begin.size), np.zeros(begin.size)
-    catch.nudged = j
-    while abs(moved[j]) <= catch.visible[j]:
-        extra[j] += bound / count
-        if extra[j] > bound:
-            raise CommissionError(
-                f"{name} does not move with {bound:.3g} beside what carries it: is its drive on, its brake open, and "
-                "does anything block it?"
-            )
-        moved = catch.step(extra) - begin
-    catch.nudged = -1
+    name = catch.model.joints[j]
+    torque, moved = loosen(catch, j, 1.0)
+    if moved is None:
+        raise CommissionError(
+            f"{name} does not move with {torque:.3g} beside what carries it: is its drive on, its brake open, and "
+            "does anything block it?"
+        )
     if moved[j] < 0.0:
         catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
         catch.invert(j, carried=True)
     catch.sure[j] = True
+    brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
     # The way to where it shows takes torque, too, which grows steadily: way = slope t^3 / (6 inertia).
-    slope, inertia = bound / _NUDGE_TIME, float(catch.inertia[j, j])
-    breakaway = max(float(extra[j]) - (6.0 * inertia * slope**2 * float(catch.visible[j])) ** (1.0 / 3.0), 0.0)
+    slope, inertia = NUDGE * catch.model.effort[j] / NUDGE_TIME, float(catch.inertia[j, j])
+    breakaway = max(torque - (6.0 * inertia * slope**2 * float(catch.visible[j])) ** (1.0 / 3.0), 0.0)
     others = np.abs(moved / catch.visible)
     others[j] = 0.0
     catch.catch(j)
@@ -291,6 +285,23 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
         return breakaway, ""
     other = catch.model.joints[int(others.argmax())]
     return breakaway, f"a nudge of {name} moves {other} more: is the order of the joints right?"
+
+
+def _loosened(catch: Catch, j: int) -> float:
+    """Torque at which a caught joint moves that friction holds now, and that taps shall weigh; else nan."""
+    if catch.moves[j] or not is_quick(catch, j):
+        return np.nan
+    side = -1.0 if catch.rows[-1][1][j] > catch.start[j] else 1.0
+    torque, moved = loosen(catch, j, side)
+    if moved is None:
+        return np.nan
+    if side * moved[j] < 0.0 and not catch.sure[j]:  # Friction has held it, before the catch could judge.
+        catch.tell(f"the sign of {catch.model.joints[j]} is inverted (it moved against its nudge)")
+        catch.invert(j, carried=not catch.fell[j])
+    catch.sure[j] = True
+    brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
+    catch.catch(j)
+    return torque
 
 
 def _sticking(catch: Catch, breakaway: Array) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.catch import FARTHEST, Catch
+from pidtsm_studies.commissioning.nudge import brake, speed_of
 
 _SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
 """Hz, periods, largest share of the effort limit, and way in multiples of what is visible, of shaking a joint."""
@@ -22,26 +23,59 @@ them twice as heavy at most."""
 _TAP, _HARDER, _HARDEST = 1.4, 1.25, 0.5
 """Torque of a tap as a share of the one at which the joint broke away, factor if it is not enough, and largest share of
 the effort limit."""
-_LONGER, _LONGEST, _REST = 1.5, 0.06, 0.06
-"""Factor of the duration of a tap if it moves the joint too little, longest one, and time after it, s."""
-_CLEARLY, _NEAR = 3.5, 0.6
-"""Way that taps shall move a joint, in multiples of what is visible, and share of `FARTHEST` from which on a joint is
-tapped no more."""
+_LONGER, _LONGEST, _AHEAD = 1.5, 0.06, 0.015
+"""Factor of the duration of a tap if it moves the joint too little, longest one, s, and time for which the speed counts
+in the way after which it ends, s."""
+_REST, _CALMS = 0.06, 0.4
+"""Shortest and longest time after a tap, until the joint rests, s."""
+_RESISTS, _BRAKED = 0.35, 0.5
+"""Largest torque that slows a tapped joint, as a share of the one that moved it: friction that held the joint exceeds
+it; and share of what is visible from which on a joint is slowed."""
+_CLEARLY, _TOO_FAR, _NEAR = 3.5, 5.0, 0.6
+"""Way that taps shall move a joint, and the one from which on they are made weaker, as multiples of what is visible;
+and share of `FARTHEST` from which on a joint is tapped no more."""
 _TAPS, _TAPPING = 5, 4.0
 """Taps that move a joint so far, and longest time for all of them, s."""
 _BEFORE = 0.01
 """s before a tap, in which the joint rests."""
 _LATEST = 0.02
 """Largest delay that is sought, s."""
-_FRICTIONS = np.linspace(0.02, 0.98, 33)
-"""Friction that is sought, as a share of the torque of the hardest tap."""
-_UNEXPLAINED, _AS_GOOD = 0.15, 1.3
-"""Share of the way that taps may leave unexplained, and ratio of what is left by inertias that explain them as well."""
-_FAIR = 0.02
-"""Share of the way below which what is left makes no difference."""
+_SLIDES, _SOON, _FEWEST = 0.2, 6, 5
+"""A joint surely slides with this share of its largest speed; so many samples after that at least, and in all at least,
+show how it slows down."""
+_UNEXPLAINED, _AS_GOOD, _FAIR, _SPREAD = 0.3, 1.3, 0.05, 2.5
+"""Share of the bend of the way that taps may leave unexplained, ratio of what is left by inertias that fit as well, and
+share below which it makes no difference; ratio of the largest and smallest of these inertias."""
 
 
-def weighed(catch: Catch, j: int) -> float:
+def is_quick(catch: Catch, j: int) -> bool:
+    """Whether a joint may lack a rotor that matters; `_QUICK`."""
+    return bool(catch.model.effort[j] > _QUICK * catch.model.inertia(catch.start)[j, j])
+
+
+def inertias(catch: Catch, loose: Array) -> Array:
+    """The inertias that joints show, shape (joints,), kg m^2 or kg; nan: what a joint does is not explained.
+
+    Args:
+        catch: what holds the arm; it does not judge signs. It takes over what was found by taps.
+        loose: torque at which a joint moves that friction holds, else nan, shape (joints,), N m or N.
+
+    Raises:
+        AwayError: a joint moves too far; commands have ceased.
+    """
+    quick = [is_quick(catch, j) for j in range(loose.size)]
+    found = np.full(loose.size, np.nan)
+    for j in np.flatnonzero(np.isfinite(loose) & quick).tolist():
+        found[j] = _tapped(catch, j, float(loose[j]))
+        if np.isfinite(found[j]):
+            catch.weigh(j, 1.0 / found[j])
+    for j in range(loose.size):
+        if np.isnan(loose[j]) or (np.isnan(found[j]) and catch.moves[j]):  # What sticks would be taken for heavy.
+            found[j] = _weighed(catch, j)
+    return found
+
+
+def _weighed(catch: Catch, j: int) -> float:
     """The inertia that a joint shows when it is shaken a little, kg m^2 or kg; nan: it does not move."""
     dt, rate = catch.port.period, 2.0 * np.pi * _SHAKEN
     # The others get what keeps them where they are: a light one would be thrown.
@@ -76,33 +110,27 @@ def weighed(catch: Catch, j: int) -> float:
     return 1.0 / float(mobility) if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
 
 
-def tapped(catch: Catch, j: int, breakaway: float) -> float:
-    """The inertia that a joint shows that friction holds, kg m^2 or kg; nan: what it does is not explained.
-
-    Args:
-        catch: what holds the arm; it does not judge signs.
-        j: the joint.
-        breakaway: torque at which it moved, N m or N.
-
-    Raises:
-        AwayError: a joint moves too far; commands have ceased.
-    """
-    if catch.model.effort[j] < _QUICK * float(catch.inertia[j, j]):
-        return np.nan
+def _tapped(catch: Catch, j: int, loose: float) -> float:
+    """The inertia that a joint shows when it is tapped, see `inertias`; `loose`: of this joint."""
     dt, visible, hardest = catch.port.period, float(catch.visible[j]), _HARDEST * float(catch.model.effort[j])
     taps: list[_Tap] = []
-    strength, length = dict.fromkeys((1.0, -1.0), _TAP * breakaway), dict.fromkeys((1.0, -1.0), 1.0)
-    direction, away, cut, enough, end = 1.0, 0.0, visible, 0, len(catch.rows) + round(_TAPPING / dt)
-    while enough < _TAPS and len(catch.rows) < end and abs(away) < _NEAR * FARTHEST:
-        if strength[direction] > hardest:
+    strength, length = dict.fromkeys((1.0, -1.0), _TAP * loose), dict.fromkeys((1.0, -1.0), 1.0)
+    _calm(catch, j)
+    away = float(catch.rows[-1][1][j] - catch.start[j])
+    direction = -1.0 if away > visible else 1.0
+    farthest, enough, end = 0.0, 0, len(catch.rows) + round(_TAPPING / dt)
+    while enough < _TAPS and len(catch.rows) < end and max(abs(away), farthest) < _NEAR * FARTHEST:
+        if strength[direction] > hardest or catch.moves[j]:
             break
-        tap = _tap(catch, j, direction * strength[direction], round(length[direction]), cut)
-        farthest, away = float(tap.way.max()), tap.away
+        tap = _tap(catch, j, direction * strength[direction], round(length[direction]))
+        farthest, away = float(tap.way.max()), float(catch.rows[-1][1][j] - catch.start[j])
         if farthest > visible:
             taps.append(tap)
-            cut = visible if farthest > 0.7 * _CLEARLY * visible else 2.0 * visible  # A light one goes on by itself.
         if farthest > _CLEARLY * visible:
             enough += 1
+            if farthest > _TOO_FAR * visible:
+                length[direction] = np.ceil(length[direction] / _LONGER)
+                strength[direction] /= _HARDER
         else:
             length[direction] = np.ceil(_LONGER * length[direction])
             if length[direction] * dt > _LONGEST:
@@ -122,17 +150,26 @@ class _Tap:
         time: s, shape (samples,).
         way: from where the joint was, in this direction, shape (samples,), rad or m.
         push: torque beyond the one before, likewise, N m or N.
-        away: where the joint rests now, from where the arm began, rad or m.
     """
 
     direction: float
     time: Array
     way: Array
     push: Array
-    away: float
+
+    @property
+    def speed(self) -> Array:
+        """Velocity in this direction, shape (samples,), rad/s or m/s."""
+        smooth = np.convolve(np.pad(self.way, 1, mode="edge"), [0.25, 0.5, 0.25], "valid")
+        return np.asarray(np.gradient(smooth, self.time))
+
+    @property
+    def impulse(self) -> float:
+        """What the torque alone would give the joint, N m s or N s."""
+        return float(np.diff(self.time) @ np.maximum(self.push[:-1], 0.0))
 
 
-def _tap(catch: Catch, j: int, push: float, length: int, cut: float) -> _Tap:
+def _tap(catch: Catch, j: int, push: float, length: int) -> _Tap:
     """Tap a joint, and wait.
 
     Args:
@@ -140,67 +177,80 @@ def _tap(catch: Catch, j: int, push: float, length: int, cut: float) -> _Tap:
         j: the joint.
         push: torque, N m or N.
         length: samples at most.
-        cut: way after which the torque ceases, rad or m.
     """
     dt, first, direction = catch.port.period, len(catch.rows), float(np.sign(push))
     before = catch.rows[-max(3, round(_BEFORE / dt)) :]
     rest, torque = float(np.mean([q[j] for _, q, _ in before])), float(np.mean([each[j] for _, _, each in before]))
     extra = np.zeros(catch.start.size)
     extra[j] = push
+    way, visible = 0.0, float(catch.visible[j])
     for _ in range(length):
-        if direction * (catch.step(extra)[j] + catch.start[j] - rest) > cut:
+        way = float(catch.step(extra)[j] + catch.start[j]) - rest
+        if way * direction > visible and direction * (way + _AHEAD * speed_of(catch, j)) > _CLEARLY * visible:
             break
-    for _ in range(max(6, round(_REST / dt))):
-        away = float(catch.step()[j])
+    if abs(way) > _BRAKED * visible:
+        brake(catch, j, abs(push), way, _RESISTS * abs(push))
+    _calm(catch, j)
     time, q, pushed = np.array([(stamp, q[j], each[j]) for stamp, q, each in catch.rows[first:]]).T
     # Some joint states may be lost.
-    return _Tap(direction, time - time[0], direction * (q - rest), direction * (pushed - torque), away)
+    return _Tap(direction, time - time[0], direction * (q - rest), direction * (pushed - torque))
+
+
+def _calm(catch: Catch, j: int) -> None:
+    """Wait until a joint rests, or for `_CALMS`."""
+    for k in range(round(_CALMS / catch.port.period)):
+        catch.step()
+        if k * catch.port.period > _REST and not catch.moves[j]:
+            return
 
 
 def _inertia(taps: list[_Tap], dt: float) -> float:
-    """The inertia that explains taps by a delay and a friction of each direction, kg m^2 or kg; nan: none does.
+    """The inertia that explains how taps end, kg m^2 or kg; nan: none does; `dt`: s between samples.
 
-    What the torque of the model lacks to carry the joint counts as friction. When a joint stops does not depend on its
-    inertia: for each delay and friction, its way is that of a unit mass, divided by the inertia. The delay and the
-    friction leave room; the result is between the best inertia and the smallest of those that are as good.
+    A joint that slides is accelerated by friction, and by its weight as far as the model lacks it, by about the same
+    amount before and after; it is the end of the tap that bends its way: way = a + b t + c t^2 + (double integral of
+    the torque) / inertia, with an inertia and a delay for all taps. The smallest inertia of those that fit as well as
+    the best counts, if the torque alone can have moved it as fast as it was.
     """
-    if not taps:
+    windows = [(tap, window) for tap in taps if (window := _sliding(tap)).stop - window.start >= _FEWEST]
+    if not windows:
         return np.nan
-    sides = [each for side in (1.0, -1.0) if (each := [tap for tap in taps if tap.direction == side])]
-    whole = sum(float(tap.way @ tap.way) for tap in taps)
-    found = []
-    for late in np.arange(0.0, _LATEST, min(0.5 * dt, 0.001)):
-        same, unit = _overlaps(sides[0], late)
-        for side in sides[1:]:
-            same, unit = (np.add.outer(a, b) for a, b in zip((same, unit), _overlaps(side, late), strict=True))
-        moves = same > 0.0
-        found.append(np.stack([whole - same[moves] ** 2 / unit[moves], unit[moves] / same[moves]]))
-    left, inertia = np.concatenate(found, axis=1)
-    if not left.size:
+    fits = []
+    for late in np.arange(0.0, _LATEST, min(0.25 * dt, 0.0005)):
+        same, pushes, bends = np.sum([_bend(tap, window, late) for tap, window in windows], axis=0)
+        if same > 0.0:
+            fits.append((np.sqrt(max(1.0 - same**2 / (pushes * bends), 0.0)), pushes / same))
+    if not fits:
         return np.nan
-    left = np.sqrt(np.maximum(left, 0.0) / whole)
-    best = float(left.min())
-    least = float(inertia[left <= max(_AS_GOOD * best, _FAIR)].min())
-    return float(np.sqrt(least * inertia[left.argmin()])) if best < _UNEXPLAINED else np.nan
+    left, inertia = np.array(fits).T
+    as_good = inertia[left <= max(_AS_GOOD * left.min(), _FAIR)]
+    sure = left.min() < _UNEXPLAINED and as_good.max() < _SPREAD * as_good.min()
+    heaviest = min(tap.impulse / tap.speed.max() for tap, _ in windows)
+    return min(float(as_good.min()), heaviest) if sure else np.nan
 
 
-def _overlaps(taps: list[_Tap], late: float) -> tuple[Array, Array]:
-    """Of taps in one direction for a delay, s: sums of way times unit way, and of its square, shape (frictions,) each.
+def _sliding(tap: _Tap) -> slice:
+    """Samples around the largest speed in which a joint surely slides."""
+    speed = tap.speed
+    peak = int(speed.argmax())
+    slow = np.flatnonzero(speed <= _SLIDES * speed[peak])
+    first = int(slow[slow < peak].max(initial=-1)) + 1
+    end = int(slow[slow > peak].min(initial=speed.size))
+    return slice(first, min(end, peak + 1 + max(2 * (peak - first), _SOON)))
 
-    The unit way is that of a unit mass.
+
+def _bend(tap: _Tap, window: slice, late: float) -> Array:
+    """Sums of way times push, of pushes squared, and of ways squared, shape (3,), for a delay, s.
+
+    The push is the double integral of the torque; of both, what a parabola explains is taken away.
     """
-    friction = _FRICTIONS * max(float(tap.push.max()) for tap in taps)
-    same, unit = np.zeros(friction.size), np.zeros(friction.size)
-    for tap in taps:
-        # The torque of a sample acts from then on until the next one.
-        steps = np.diff(tap.time)
-        given = np.concatenate([[0.0], np.cumsum(steps * tap.push[:-1])])
-        gains = np.diff(np.interp(tap.time - late, tap.time, given, left=0.0))
-        way, speed = np.zeros(friction.size), np.zeros(friction.size)
-        for dt, gained, measured in zip(steps, gains, tap.way[1:], strict=True):
-            faster = np.maximum(speed + gained - dt * friction, 0.0)
-            way += 0.5 * dt * (speed + faster)
-            speed = faster
-            same += measured * way
-            unit += way**2
-    return same, unit
+    steps = np.diff(tap.time)
+    # The torque of a sample acts from then on until the next one.
+    impulse = np.concatenate([[0.0], np.cumsum(steps * tap.push[:-1])])
+    impulse = np.interp(tap.time - late, tap.time, impulse, left=0.0)
+    push = np.concatenate([[0.0], np.cumsum(0.5 * steps * (impulse[1:] + impulse[:-1]))])
+    time = tap.time[window] - tap.time[window].mean()
+    parabola = np.linalg.qr(np.stack([np.ones_like(time), time, time**2], axis=1))[0]
+    both = np.stack([tap.way[window], push[window]])
+    way, push = both - both @ parabola @ parabola.T
+    return np.array([way @ push, push @ push, way @ way])
