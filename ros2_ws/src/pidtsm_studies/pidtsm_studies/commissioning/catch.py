@@ -24,6 +24,8 @@ _SLOWER = 0.98
 """Share of its speed below which a caught joint is being stopped."""
 _HEAVY = 1.5
 """Ratio from which on a joint that the catch has pushed away is taken for heavier than described."""
+_LIGHTEST = 2.0
+"""Ratio of what a torque seems to accelerate a joint by, and should, from which on something else does."""
 _HEAVIEST = 12.0
 """Largest ratio of a joint's inertia and the described one."""
 _WRONG = 0.4
@@ -88,7 +90,7 @@ class Catch:
         self.inverted.append(j)
         if carried:
             self.carried[j] *= -1.0
-            self.weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
+            self._weigh(j, float(np.linalg.inv(self.inertia)[j, j]))
 
     def catch(self, j: int) -> None:
         """Catch a joint; if it then goes on as it moves now, its sign was wrong."""
@@ -116,14 +118,17 @@ class Catch:
                 self._bound[j] += self.visible[j]
                 return
             mobility, described = self._mobility(j), 1.0 / float(self.inertia[j, j])
+            if -mobility > _LIGHTEST * float(np.linalg.inv(self.inertia)[j, j]):  # It is another joint that pulls it.
+                self._bound[j] += self.visible[j]
+                return
             if mobility < 0.0 and not self.sure[j]:
                 self.invert(j, carried=not self.fell[j])
                 self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
                 self._sum[:] = 0.0
                 if abs(mobility) < described / _HEAVY:
-                    self.weigh(j, mobility)
+                    self._weigh(j, mobility)
             elif 0.0 < mobility < described / _HEAVY:  # The catch is too weak, as for a rotor that is not described.
-                self.weigh(j, max(mobility, 0.5 * described))
+                self._weigh(j, max(mobility, 0.5 * described))
             self.sure[j] = True
             for other in np.flatnonzero(self.caught).tolist():
                 self.catch(other)  # It was pushed too, and shall not be judged by that.
@@ -144,8 +149,13 @@ class Catch:
         size = np.abs(columns).max(axis=0) + 1e-12
         return float(np.linalg.lstsq(columns / size, q, rcond=None)[0][-1] / size[-1])
 
-    def weigh(self, j: int, mobility: float) -> None:
-        """Take over the inertia that joint j has shown, as 1/(kg m^2); rotors are often not described."""
+    def weigh(self, j: int, inertia: float) -> None:
+        """Take over the inertia of joint j, kg m^2 or kg; its couplings and what holds it remain as they are."""
+        self._sum[j] *= self.inertia[j, j] / inertia
+        self.inertia[j, j] = inertia
+
+    def _weigh(self, j: int, mobility: float) -> None:
+        """Take over the inertia that joint j has shown when it was pushed; rotors are often not described."""
         described = float(np.diag(self.model.inertia(self.start))[j])
         self.inertia[j], self.inertia[:, j] = 0.0, 0.0
         self.inertia[j, j] = np.clip(1.0 / max(abs(mobility), 1e-9), 0.5 * described, _HEAVIEST * described)

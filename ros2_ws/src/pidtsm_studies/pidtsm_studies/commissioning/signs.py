@@ -18,7 +18,7 @@ from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.arm import CommissionError, Port, Wired, Wiring
 from pidtsm_studies.commissioning.catch import AwayError, Catch
 from pidtsm_studies.commissioning.model import ArmModel
-from pidtsm_studies.commissioning.nudge import NUDGE, NUDGE_TIME, brake, loosen
+from pidtsm_studies.commissioning.nudge import NUDGE, NUDGE_TIME, brake, loosen, speed_of
 from pidtsm_studies.commissioning.weigh import inertias, is_quick
 
 _FREE = 0.25
@@ -29,8 +29,9 @@ _MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
 """Ratios of true and described gravity that are thought possible here."""
 _LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
 """Delays that are thought possible, s."""
-_QUIET, _BRAKING = 0.15, 0.75
-"""Time between nudges, s, and largest torque that slows a nudged joint, as a share of the nudge."""
+_QUIET, _FAST, _BRAKING = 0.15, 0.2, 0.75
+"""Time between nudges, s; a nudged joint that is faster, in rad/s or m/s, is slowed by this share of its nudge at most.
+"""
 _SEVERAL, _ODD, _ODD_SHARE = 3, 2.0, 0.06
 """Of so many nudged joints at least, one sticks that takes so many times the others' share of its limit, and so much.
 """
@@ -274,7 +275,8 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
         catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
         catch.invert(j, carried=True)
     catch.sure[j] = True
-    brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
+    if abs(speed_of(catch, j)) > _FAST:
+        brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
     # The way to where it shows takes torque, too, which grows steadily: way = slope t^3 / (6 inertia).
     slope, inertia = NUDGE * catch.model.effort[j] / NUDGE_TIME, float(catch.inertia[j, j])
     breakaway = max(torque - (6.0 * inertia * slope**2 * float(catch.visible[j])) ** (1.0 / 3.0), 0.0)
@@ -299,7 +301,8 @@ def _loosened(catch: Catch, j: int) -> float:
         catch.tell(f"the sign of {catch.model.joints[j]} is inverted (it moved against its nudge)")
         catch.invert(j, carried=not catch.fell[j])
     catch.sure[j] = True
-    brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
+    if abs(speed_of(catch, j)) > _FAST:
+        brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
     catch.catch(j)
     return torque
 

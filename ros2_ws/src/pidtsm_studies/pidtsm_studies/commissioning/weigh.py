@@ -1,8 +1,9 @@
 """Inertias that joints show in the first step: the description often lacks the rotors of motors.
 
 What friction does not hold is shaken by a sine. What it holds is tapped: a torque a little above the one at which the
-joint broke away acts for a sample, then for longer, until the joint visibly moves; then it ceases at once, and friction
-stops the joint. A light joint moves before it could become fast, whatever the delay is.
+joint moved acts for a sample, then for longer, until the joint goes a few thousandths of a rad; friction stops it. A
+light joint moves before it could become fast, however late the torque acts. How the end of a tap bends the way tells
+the inertia, without a model of friction.
 """
 
 from dataclasses import dataclass
@@ -68,10 +69,9 @@ def inertias(catch: Catch, loose: Array) -> Array:
     for j in np.flatnonzero(np.isfinite(loose) & quick).tolist():
         found[j] = _tapped(catch, j, float(loose[j]))
         if np.isfinite(found[j]):
-            catch.weigh(j, 1.0 / found[j])
-    for j in range(loose.size):
-        if np.isnan(loose[j]) or (np.isnan(found[j]) and catch.moves[j]):  # What sticks would be taken for heavy.
-            found[j] = _weighed(catch, j)
+            catch.weigh(j, float(found[j]))
+    for j in np.flatnonzero(np.isnan(loose)).tolist():  # What sticks would be taken for heavy.
+        found[j] = _weighed(catch, j)
     return found
 
 
