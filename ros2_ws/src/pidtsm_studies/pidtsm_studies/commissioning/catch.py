@@ -118,7 +118,8 @@ class Catch:
                 self._bound[j] += self.visible[j]
                 return
             mobility, described = self._mobility(j), 1.0 / float(self.inertia[j, j])
-            if -mobility > _LIGHTEST * float(np.linalg.inv(self.inertia)[j, j]):  # It is another joint that pulls it.
+            most = _LIGHTEST * float(np.linalg.inv(self.inertia)[j, j])
+            if mobility < 0.0 and not described / _HEAVIEST < -mobility < most:  # It is another joint that pulls it.
                 self._bound[j] += self.visible[j]
                 return
             if mobility < 0.0 and not self.sure[j]:

@@ -32,9 +32,11 @@ _REST, _CALMS = 0.06, 0.4
 _RESISTS, _BRAKED = 0.35, 0.5
 """Largest torque that slows a tapped joint, as a share of the one that moved it: friction that held the joint exceeds
 it; and share of what is visible from which on a joint is slowed."""
-_CLEARLY, _TOO_FAR, _NEAR = 3.5, 5.0, 0.6
+_CLEARLY, _TOO_FAR, _NEAR = 3.5, 5.0, 0.8
 """Way that taps shall move a joint, and the one from which on they are made weaker, as multiples of what is visible;
-and share of `FARTHEST` from which on a joint is tapped no more."""
+and share of `FARTHEST` that a joint may go by a tap, or is tapped no more."""
+_BRIEF, _HARDLY = 4.0, 1.5
+"""Samples of a tap that is not made longer, if it moves a joint by this multiple of what is visible."""
 _TAPS, _TAPPING = 5, 4.0
 """Taps that move a joint so far, and longest time for all of them, s."""
 _BEFORE = 0.01
@@ -119,14 +121,15 @@ def _tapped(catch: Catch, j: int, loose: float) -> float:
     away = float(catch.rows[-1][1][j] - catch.start[j])
     direction = -1.0 if away > visible else 1.0
     farthest, enough, end = 0.0, 0, len(catch.rows) + round(_TAPPING / dt)
-    while enough < _TAPS and len(catch.rows) < end and max(abs(away), farthest) < _NEAR * FARTHEST:
+    while enough < _TAPS and len(catch.rows) < end and farthest < _NEAR * FARTHEST:
         if strength[direction] > hardest or catch.moves[j]:
             break
         tap = _tap(catch, j, direction * strength[direction], round(length[direction]))
         farthest, away = float(tap.way.max()), float(catch.rows[-1][1][j] - catch.start[j])
         if farthest > visible:
             taps.append(tap)
-        if farthest > _CLEARLY * visible:
+        brief = length[direction] <= _BRIEF  # A light one would go too far by a longer one.
+        if farthest > (_HARDLY if brief else _CLEARLY) * visible:
             enough += 1
             if farthest > _TOO_FAR * visible:
                 length[direction] = np.ceil(length[direction] / _LONGER)
@@ -183,8 +186,8 @@ def _tap(catch: Catch, j: int, push: float, length: int) -> _Tap:
     rest, torque = float(np.mean([q[j] for _, q, _ in before])), float(np.mean([each[j] for _, _, each in before]))
     extra = np.zeros(catch.start.size)
     extra[j] = push
-    way, visible = 0.0, float(catch.visible[j])
-    for _ in range(length):
+    way, visible, end = 0.0, float(catch.visible[j]), catch.rows[-1][0] + (length + 0.5) * dt
+    while catch.rows[-1][0] + dt < end:  # Some joint states may be lost.
         way = float(catch.step(extra)[j] + catch.start[j]) - rest
         if way * direction > visible and direction * (way + _AHEAD * speed_of(catch, j)) > _CLEARLY * visible:
             break
