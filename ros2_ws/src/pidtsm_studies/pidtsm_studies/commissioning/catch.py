@@ -14,8 +14,8 @@ _VISIBLE_NOISE, _VISIBLE_STEPS, _VISIBLE = 6.0, 2.5, 0.001
 """A joint has moved if it is farther away than these multiples of noise and encoder step, and than this, rad or m."""
 _RATE_FILTER = 150.0
 """rad/s; of the velocity for the damper."""
-_CREEPS = 0.003
-"""rad/s or m/s; a caught joint that is slower counts as held by friction."""
+_CREEPS, _WATCH = 0.45, 0.1
+"""A joint that moves less than this share of what is visible, in so many s, counts as held by friction."""
 _FEW = 6
 """Samples that are too few to tell how a joint reacts to the catch."""
 _REACTS = 0.01
@@ -24,6 +24,8 @@ _SLOWER = 0.98
 """Share of its speed below which a caught joint is being stopped."""
 _HEAVY = 1.5
 """Ratio from which on a joint that the catch has pushed away is taken for heavier than described."""
+_LIGHTEST = 2.0
+"""Ratio of what a torque seems to accelerate a joint by, and should, from which on something else does."""
 _HEAVIEST = 12.0
 """Largest ratio of a joint's inertia and the described one."""
 _WRONG = 0.4
@@ -67,6 +69,8 @@ class Catch:
         self.inertia = model.inertia(at)
         self.carried = model.gravity(at[np.newaxis])[0]
         self._sum, self._rate, self._last = np.zeros(joints), np.zeros(joints), at.copy()
+        self._past = [at.copy()] * max(1, round(_WATCH / port.period))  # positions of the last samples
+        self.moves = np.zeros(joints, dtype=bool)  # else friction holds it
         self._stamp = -1
         self.judges = False
         self._speed = np.zeros(joints)  # largest of each joint since it was caught
@@ -114,6 +118,10 @@ class Catch:
                 self._bound[j] += self.visible[j]
                 return
             mobility, described = self._mobility(j), 1.0 / float(self.inertia[j, j])
+            most = _LIGHTEST * float(np.linalg.inv(self.inertia)[j, j])
+            if mobility < 0.0 and not described / _HEAVIEST < -mobility < most:  # It is another joint that pulls it.
+                self._bound[j] += self.visible[j]
+                return
             if mobility < 0.0 and not self.sure[j]:
                 self.invert(j, carried=not self.fell[j])
                 self.tell(f"the sign of {self.model.joints[j]} is inverted (what should hold it pushed it away)")
@@ -142,8 +150,13 @@ class Catch:
         size = np.abs(columns).max(axis=0) + 1e-12
         return float(np.linalg.lstsq(columns / size, q, rcond=None)[0][-1] / size[-1])
 
+    def weigh(self, j: int, inertia: float) -> None:
+        """Take over the inertia of joint j, kg m^2 or kg; its couplings and what holds it remain as they are."""
+        self._sum[j] *= self.inertia[j, j] / inertia
+        self.inertia[j, j] = inertia
+
     def _weigh(self, j: int, mobility: float) -> None:
-        """Take over the inertia that joint j has shown; rotors are often not described."""
+        """Take over the inertia that joint j has shown when it was pushed; rotors are often not described."""
         described = float(np.diag(self.model.inertia(self.start))[j])
         self.inertia[j], self.inertia[:, j] = 0.0, 0.0
         self.inertia[j, j] = np.clip(1.0 / max(abs(mobility), 1e-9), 0.5 * described, _HEAVIEST * described)
@@ -184,7 +197,9 @@ class Catch:
                 "description"
             )
         # Of a joint that sticks, the integral would grow until it leaps.
-        self._sum += np.where(self.caught & (np.abs(self._rate) > _CREEPS), way * dt, 0.0)
+        self._past.append(q.copy())
+        self.moves = np.abs(q - self._past.pop(0)) > _CREEPS * self.visible
+        self._sum += np.where(self.caught & self.moves, way * dt, 0.0)
         pole = self.stiff
         pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
         held = -self.inertia @ np.where(self.caught, pull, 0.0)

@@ -18,6 +18,8 @@ from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.arm import CommissionError, Port, Wired, Wiring
 from pidtsm_studies.commissioning.catch import AwayError, Catch
 from pidtsm_studies.commissioning.model import ArmModel
+from pidtsm_studies.commissioning.nudge import NUDGE, NUDGE_TIME, brake, loosen, speed_of
+from pidtsm_studies.commissioning.weigh import inertias, is_quick
 
 _FREE = 0.25
 """s in which the arm is carried by the model alone."""
@@ -27,12 +29,9 @@ _MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
 """Ratios of true and described gravity that are thought possible here."""
 _LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
 """Delays that are thought possible, s."""
-_NUDGE, _NUDGE_TIME, _QUIET = 0.5, 1.0, 0.15
-"""Largest share of the effort limit of a nudge, time in which it grows to that, and time between nudges, s."""
-_SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
-"""Hz, periods, largest share of the effort limit, and way in multiples of what is visible, of shaking a joint."""
-_EXPLAINED, _STICKY = 0.1, 0.8
-"""Share of the shaking that may stay unexplained, and share of the torque that friction may take."""
+_QUIET, _FAST, _BRAKING = 0.15, 0.2, 0.75
+"""Time between nudges, s; a nudged joint that is faster, in rad/s or m/s, is slowed by this share of its nudge at most.
+"""
 _SEVERAL, _ODD, _ODD_SHARE = 3, 2.0, 0.06
 """Of so many nudged joints at least, one sticks that takes so many times the others' share of its limit, and so much.
 """
@@ -58,8 +57,7 @@ class Signs:
         known_by: for each joint: ``release`` or ``nudge``.
         hold: mean torque that held the arm, shape (joints,), N m or N.
         breakaway: of nudged joints the torque at which they moved, else nan, shape (joints,).
-        inertia: what a shaken joint has shown while the others were held, shape (joints,), kg m^2 or kg; nan: friction
-            holds it, or it was nudged.
+        inertia: what a joint has shown that was shaken or tapped, shape (joints,), kg m^2 or kg; nan: nothing.
         problems: sentences.
         time: s, shape (samples,); position and effort: shape (samples, joints).
     """
@@ -174,8 +172,8 @@ def _found(catch: Catch, of_position: Array, may_turn: bool) -> tuple[Signs, Cal
             problems += [problem] if problem else []
     catch.judges = False  # What is shaken shall not be judged by that.
     problems += _sticking(catch, breakaway)
-    # What sticks would be taken for heavy.
-    inertia = np.array([_weighed(catch, j) if np.isnan(breakaway[j]) else np.nan for j in range(joints)])
+    loose = np.array([_loosened(catch, j) if np.isnan(each) else each for j, each in enumerate(breakaway)])
+    inertia = inertias(catch, loose)
     hold = _held(catch)
     wiring = _which(catch, hold)
     wiring = Wiring(of_position * wiring.position, wiring.effort)
@@ -266,26 +264,22 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
     Raises:
         CommissionError: it does not move.
     """
-    name, bound = catch.model.joints[j], _NUDGE * catch.model.effort[j]
-    begin = np.mean([catch.step() for _ in range(5)], axis=0)
-    count, extra, moved = max(2, round(_NUDGE_TIME / catch.port.period)), np.zeros(begin.size), np.zeros(begin.size)
-    catch.nudged = j
-    while abs(moved[j]) <= catch.visible[j]:
-        extra[j] += bound / count
-        if extra[j] > bound:
-            raise CommissionError(
-                f"{name} does not move with {bound:.3g} beside what carries it: is its drive on, its brake open, and "
-                "does anything block it?"
-            )
-        moved = catch.step(extra) - begin
-    catch.nudged = -1
+    name = catch.model.joints[j]
+    torque, moved = loosen(catch, j, 1.0)
+    if moved is None:
+        raise CommissionError(
+            f"{name} does not move with {torque:.3g} beside what carries it: is its drive on, its brake open, and "
+            "does anything block it?"
+        )
     if moved[j] < 0.0:
         catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
         catch.invert(j, carried=True)
     catch.sure[j] = True
+    if abs(speed_of(catch, j)) > _FAST:
+        brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
     # The way to where it shows takes torque, too, which grows steadily: way = slope t^3 / (6 inertia).
-    slope, inertia = bound / _NUDGE_TIME, float(catch.inertia[j, j])
-    breakaway = max(float(extra[j]) - (6.0 * inertia * slope**2 * float(catch.visible[j])) ** (1.0 / 3.0), 0.0)
+    slope, inertia = NUDGE * catch.model.effort[j] / NUDGE_TIME, float(catch.inertia[j, j])
+    breakaway = max(torque - (6.0 * inertia * slope**2 * float(catch.visible[j])) ** (1.0 / 3.0), 0.0)
     others = np.abs(moved / catch.visible)
     others[j] = 0.0
     catch.catch(j)
@@ -295,39 +289,22 @@ def _nudge(catch: Catch, j: int) -> tuple[float, str]:
     return breakaway, f"a nudge of {name} moves {other} more: is the order of the joints right?"
 
 
-def _weighed(catch: Catch, j: int) -> float:
-    """The inertia that a joint shows when it is shaken a little, kg m^2 or kg; nan: it does not move."""
-    dt, rate = catch.port.period, 2.0 * np.pi * _SHAKEN
-    # The others get what keeps them where they are: a light one would be thrown.
-    pattern = catch.inertia[:, j] / catch.inertia[j, j]
-    push = 2.0 * float(catch.inertia[j, j]) * rate**2 * catch.visible[j]
-    bound = _SHAKE * float((catch.model.effort / np.maximum(np.abs(pattern), 1e-9)).min())
-    while True:
-        push = min(push, bound)
-        first = len(catch.rows)
-        for k in range(round(_PERIODS / (_SHAKEN * dt))):
-            catch.step(push * np.sin(rate * dt * k) * pattern)
-        q = np.array([row[1][j] for row in catch.rows[first:]])
-        if np.ptp(q) > _CLEAR * catch.visible[j]:
-            break
-        if push == bound:
-            return np.nan
-        push *= 2.0
-    torque = np.array([row[2][j] for row in catch.rows[first:]]) - catch.carried[j]
-    speed = np.gradient(q, dt)
-    sliding = np.tanh(speed / max(0.1 * float(np.abs(speed).max()), 1e-9))
-    time = dt * np.arange(q.size)
-    # Twice integrated, because the positions are too coarse to be differentiated twice.
-    columns = np.column_stack(
-        [np.ones_like(time), time, time**2, *(dt**2 * np.cumsum(np.cumsum(each)) for each in (torque, sliding))]
-    )
-    size = np.abs(columns).max(axis=0) + 1e-12
-    fit = np.linalg.lstsq(columns / size, q, rcond=None)[0]
-    left = float(np.std(q - columns / size @ fit) / np.std(q))
-    mobility, stopped = (fit / size)[3:]
-    # What sticks is not explained, or mostly by friction.
-    sticks = abs(stopped) > _STICKY * mobility * float(np.std(torque))
-    return 1.0 / float(mobility) if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
+def _loosened(catch: Catch, j: int) -> float:
+    """Torque at which a caught joint moves that friction holds now, and that taps shall weigh; else nan."""
+    if catch.moves[j] or not is_quick(catch, j):
+        return np.nan
+    side = -1.0 if catch.rows[-1][1][j] > catch.start[j] else 1.0
+    torque, moved = loosen(catch, j, side)
+    if moved is None:
+        return np.nan
+    if side * moved[j] < 0.0 and not catch.sure[j]:  # Friction has held it, before the catch could judge.
+        catch.tell(f"the sign of {catch.model.joints[j]} is inverted (it moved against its nudge)")
+        catch.invert(j, carried=not catch.fell[j])
+    catch.sure[j] = True
+    if abs(speed_of(catch, j)) > _FAST:
+        brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
+    catch.catch(j)
+    return torque
 
 
 def _sticking(catch: Catch, breakaway: Array) -> list[str]:

@@ -55,7 +55,7 @@ def test_an_interrupted_session_goes_on_with_the_same_result(tmp_path: Path) -> 
 
 
 def test_a_joint_that_sticks_too_much_is_named_with_the_cure(tmp_path: Path) -> None:
-    sticky = {"friction.static": [0.5, 19.0, 0.5, 0.5], "friction.bristle_stiffness": 2e4}
+    sticky = {"friction.static": [0.5, 19.5, 0.5, 0.5], "friction.bristle_stiffness": 2e4}
     arm = replace(SIMULATED, settings={**SIMULATED.settings, **sticky, "friction.stribeck_velocity": 0.02})
     session = Session.opened(tmp_path, SUBJECT)
     with pytest.raises(CommissionError, match=r"joint2 took 4\d % of its torque limit .* again with --from signs"):

@@ -1,8 +1,11 @@
 """The first step: inverted torques and positions are named before anything moves far."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_studies.commissioning.arm import CommissionError, Measured, Wiring
 from pidtsm_studies.commissioning.catch import FARTHEST
@@ -73,6 +76,46 @@ def test_a_joint_that_sticks_is_caught_once_it_breaks_away() -> None:
     assert signs.known_by[5] == "nudge"
     assert signs.wiring.position[5] * signs.wiring.effort[5] == -1.0
     assert np.all(signs.moved < FARTHEST)
+
+
+_LINK = (
+    '<link name="{name}"><inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>'
+    '<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+_JOINT = (
+    '<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/><origin xyz="{x} 0 0"/>'
+    '<axis xyz="{axis}"/><limit lower="-2" upper="2" velocity="3" effort="{effort}"/></joint>'
+)
+LIGHT_WRIST = (
+    '<robot name="light"><link name="base"/>'
+    + _LINK.format(name="arm", x=0.15, mass=3.0, inertia=0.02)
+    + _LINK.format(name="hand", x=0.02, mass=0.6, inertia=0.0005)
+    + _JOINT.format(name="elbow", parent="base", child="arm", x=0, axis="0 1 0", effort=60)
+    + _JOINT.format(name="wrist", parent="arm", child="hand", x=0.3, axis="1 0 0", effort=8)
+    + "</robot>"
+)
+"""An arm whose torque limit accelerates its wrist by 16,000 rad/s^2 by its description, and in truth by 200."""
+
+
+@pytest.mark.parametrize("has_rotors", [True, False], ids=["with rotors", "without"])
+@pytest.mark.parametrize("hardware", ["collaborative", "direct_drive", "geared"])
+def test_rotors_that_the_description_lacks_are_found_where_they_are(
+    tmp_path: Path, hardware: str, has_rotors: bool
+) -> None:
+    """A wrist that is as light as it is described is neither thrown nor taken for heavy."""
+    file = tmp_path / "light.urdf"
+    file.write_text(LIGHT_WRIST, encoding="utf-8")
+    arm = ArmDefinition(str(file)).settings()
+    true = {**arm, "robot.armature": [0.3, 0.04]} if has_rotors else arm
+    settings = {**true, **hardware_settings(hardware, arm), "initial_position": [0.3, 0.4]}
+    if not has_rotors:  # Elastic joints need them.
+        settings |= {name: 0.0 for name in settings if name in ("elasticity.stiffness", "elasticity.damping")}
+    signs = SimulatedArm(settings).signs(arm, lambda _: None)
+    inertia = ArmModel(true).inertia(signs.position[0])[1, 1]
+    assert signs.known_by[1] == "nudge"
+    assert np.all(signs.moved < FARTHEST)
+    assert not signs.inertia[1] > 1.4 * inertia
+    assert signs.inertia[1] > 0.6 * inertia or not has_rotors
 
 
 class _Falling:
