@@ -29,11 +29,11 @@ _LOOSE = 0.6
 """rad; tracking error at which the arm is stopped: joints that stick follow badly."""
 _PAUSE, _GENTLE = 0.2, 1.5
 """s between two bands, and rad/s^2 on the way to the next joint."""
-_SHARE, _FALLS = 0.05, 15.0
+_SHARE, _FALLS = 0.05, 30.0
 """Share of the effort limit that shakes the joint; above this frequency, Hz, it falls like 1 / f."""
 _STANDS, _RARELY, _FEWEST = 0.05, 0.1, 3
 """rad/s; a joint that is slower for more than this share of a band is held by friction. Fewer bands tell nothing."""
-_ELASTIC = 0.6
+_ELASTIC = 0.75
 """Springs count if with them the answers are explained at this share of the cost without."""
 _STIFF = 100.0
 """Hz; a rotor that would swing faster on its spring than this is taken for rigidly joined to its link."""
