@@ -14,7 +14,7 @@ _VISIBLE_NOISE, _VISIBLE_STEPS, _VISIBLE = 6.0, 2.5, 0.001
 """A joint has moved if it is farther away than these multiples of noise and encoder step, and than this, rad or m."""
 _RATE_FILTER = 150.0
 """rad/s; of the velocity for the damper."""
-_CREEPS, _WATCH = 0.45, 0.1
+_CREEPS, _WATCH = 0.3, 0.1
 """A joint that moves less than this share of what is visible, in so many s, counts as held by friction."""
 _FEW = 6
 """Samples that are too few to tell how a joint reacts to the catch."""

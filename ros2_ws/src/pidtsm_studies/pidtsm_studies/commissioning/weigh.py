@@ -70,7 +70,7 @@ def inertias(catch: Catch, loose: Array) -> Array:
     found = np.full(loose.size, np.nan)
     for j in np.flatnonzero(np.isfinite(loose) & quick).tolist():
         found[j] = _tapped(catch, j, float(loose[j]))
-        if np.isfinite(found[j]):
+        if found[j] > catch.inertia[j, j]:
             catch.weigh(j, float(found[j]))
     for j in np.flatnonzero(np.isnan(loose)).tolist():  # What sticks would be taken for heavy.
         found[j] = _weighed(catch, j)
