@@ -9,10 +9,11 @@ from support.knownarm import KnownArm, known_arm
 from pidtsm_core.identification.corrected_urdf import corrected_urdf
 from pidtsm_core.identification.identification import Identification, IdentificationError, identify
 from pidtsm_core.identification.least_squares import motion_regressor
-from pidtsm_core.identification.measurement import filtered
+from pidtsm_core.identification.measurement import Measurement, filtered
 from pidtsm_core.identification.pseudo_inertia import is_consistent
 from pidtsm_core.identification.regressor import described_parameters, regressor
 from pidtsm_core.robots.description import read_description
+from pidtsm_core.robots.tree.unit_forces import LINK
 
 
 @pytest.fixture(scope="module", params=["panda", "two_link"])
@@ -75,21 +76,33 @@ def test_a_torque_that_is_late_is_found_to_be_late(two_link: KnownArm) -> None:
     assert fit.delay_deviation < 2e-3
 
 
-def test_directions_without_data_keep_the_description(two_link: KnownArm) -> None:
-    """The heavier link hardly moves."""
-    described = two_link.described
+def hardly_moved(known: KnownArm) -> Measurement:
+    """The heavier of two links hardly moves."""
     state = np.random.default_rng(0).uniform(-0.2, 0.2, (3, 7500, 2))
-    time = two_link.measured.time
+    time = known.measured.time
     state[0] = np.stack([0.03 * np.sin(2.0 * time), np.sin(time)], axis=1)
     state[1] = np.stack([0.06 * np.cos(2.0 * time), np.cos(time)], axis=1)
     state[2] = np.stack([-0.12 * np.sin(2.0 * time), -np.sin(time)], axis=1)
-    effort = regressor(described.tree, *state) @ two_link.truth
+    effort = regressor(known.described.tree, *state) @ known.truth
     effort += 0.5 * np.random.default_rng(1).normal(size=effort.shape)
-    found = identify(described, [replace(two_link.measured, position=state[0], effort=effort)])
+    return replace(known.measured, position=state[0], effort=effort)
+
+
+def test_directions_without_data_keep_the_description(two_link: KnownArm) -> None:
+    found = identify(two_link.described, [hardly_moved(two_link)])
     assert found.undetermined
     before, after = found.base.mapping @ found.described, found.base.mapping @ found.parameters
     for i in found.undetermined:
         assert abs(after[i] - before[i]) < 2.0 * found.fit.deviation[i]
+
+
+def test_rotors_that_are_known_otherwise_take_the_place_of_described_ones(two_link: KnownArm) -> None:
+    rotors, of_rotors = np.array([0.2, 0.0]), slice(2 * LINK, 2 * LINK + 2)
+    measured = hardly_moved(two_link)
+    given, without = (identify(two_link.described, [measured], rotors=each) for each in (rotors, None))
+    assert given.parameters[of_rotors][0] == pytest.approx(rotors[0], rel=0.1)
+    assert without.parameters[of_rotors][0] != pytest.approx(rotors[0], rel=0.5), "the motion does not tell them"
+    np.testing.assert_array_equal(given.described, without.described)
 
 
 def test_two_recordings_say_more_than_one(two_link: KnownArm) -> None:
