@@ -179,14 +179,22 @@ class Bench:
         return {ARMATURE: (rotors(self.arm) + np.array(more)).tolist()} if any(more) else {}
 
     def too_light(self) -> str:
-        """What to do about joints that lack the rotors of their motors, as the end of a text; empty: there are none."""
+        """Why no controller may move the arm: joints that lack the rotors of their motors; empty: it may."""
         if not self.takes_rotors:
             return ""
         model = self.model()
         quick = np.where(model.slides, 0.0, model.effort / np.diag(model.inertia(self.home)))
-        light = [f"{model.joints[j]} by {quick[j]:.2g} rad/s^2" for j in np.flatnonzero(quick > _QUICKEST)]
-        cure = f"which surely lacks rotors: begin a new session with --set controller.{ARMATURE}=... (kg m^2)"
-        return f". Torque limits accelerate {', '.join(light)} by the description, {cure}" if light else ""
+        shown = self.found.get("signs", {}).get("inertia", [None] * quick.size)
+        light = [
+            f"{model.joints[j]} by {quick[j]:.2g} rad/s^2"
+            for j in np.flatnonzero(quick > _QUICKEST)
+            if shown[j] is None
+        ]
+        cure = (
+            f"which surely lacks rotors, and the first step has not found them: begin a new session with --set "
+            f"controller.{ARMATURE}=... (kg m^2)"
+        )
+        return f"torque limits accelerate {', '.join(light)} by the description, {cure}" if light else ""
 
     def model(self, identified: bool = True) -> ArmModel:
         """The bodies of the arm, as far as they are identified or as its user describes them."""

@@ -166,13 +166,15 @@ class Session:
                 outcome = self._signs(source, ask, tell)
             else:
                 bench = self.bench(source.follower(NAMES.index(name), self._wiring()), tell)
+                if light := bench.too_light():
+                    raise CommissionError(f"no controller moves this arm: {light}")
                 if not ask(name, STEPS[name].plan(bench)):
                     raise RefusedError
                 try:
                     outcome = STEPS[name].run(bench)
                     outcome = replace(outcome, figures={**outcome.figures, FIRMNESS: bench.firmness})
                 except CommissionError as reason:
-                    raise CommissionError(f"{reason}{self._stuck(bench)}{bench.too_light()}") from None
+                    raise CommissionError(f"{reason}{self._stuck(bench)}") from None
             keep(outcome.samples)
             self._add(name, outcome)
             tell(outcome.verdict)

@@ -87,5 +87,7 @@ def test_joints_that_lack_their_rotors_are_named_with_the_cure() -> None:
     assert "joint1" not in text
     assert "joint3" not in text
     assert "--set controller.robot.armature=" in text
+    shown = {"signs": {"inertia": [None, 0.01, None, 0.001]}}
+    assert replace(usual, arm=strong, found=shown).too_light() == "", "the first step has seen that they are so light"
     rotors = {**strong, "robot.armature": 5.0}
     assert replace(usual, arm=rotors).too_light() == ""

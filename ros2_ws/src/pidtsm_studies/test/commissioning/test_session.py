@@ -11,6 +11,7 @@ from pidtsm_core.experiment import make_experiment
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_studies.commissioning.arm import CommissionError
 from pidtsm_studies.commissioning.bench import Plan
+from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.session import NAMES, RefusedError, Session, Subject
 from pidtsm_studies.commissioning.simulated import SimulatedArm
 
@@ -82,6 +83,18 @@ def test_an_arm_that_friction_holds_is_followed_by_a_firmer_controller_from_then
     firmness = [session.found[step]["figures"]["firmness"] for step in ("lateness", "friction", "gravity")]
     assert firmness[0] < firmness[1] <= firmness[2]
     assert any("once more with a firmer controller" in text for text in told)
+
+
+def test_no_controller_moves_an_arm_whose_rotors_are_not_known(tmp_path: Path) -> None:
+    strong = {**ARM, "limits.effort": (30.0 * ArmModel(ARM).effort).tolist()}
+    session = Session.opened(tmp_path, replace(SUBJECT, arm=strong))
+    nothing = dict.fromkeys(("breakaway", "inertia"), [None] * 4)
+    session.found["signs"] = {
+        "figures": {"position": [1.0] * 4, "effort": [1.0] * 4, "home": [0.0] * 4, **nothing},
+        "problems": [],
+    }
+    with pytest.raises(CommissionError, match=r"no controller moves this arm: .* joint2 .*robot\.armature"):
+        session.run(SIMULATED, lambda *_: pytest.fail("no step begins"), lambda _: None, lambda _: None)
 
 
 @pytest.mark.parametrize(
