@@ -1,5 +1,6 @@
 """The step that shakes an arm finds its springs, and from then on the controllers know them."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,8 +11,11 @@ from pidtsm_core.experiment import make_experiment
 from pidtsm_core.experiment.gains import rotors
 from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_studies.commissioning import springs
 from pidtsm_studies.commissioning.arm import Wiring
 from pidtsm_studies.commissioning.bench import Bench
+from pidtsm_studies.commissioning.loop import Samples
+from pidtsm_studies.commissioning.motions import STEP, Motion
 from pidtsm_studies.commissioning.session import NAMES, RefusedError, Session, Subject
 from pidtsm_studies.commissioning.simulated import SimulatedArm
 
@@ -46,3 +50,25 @@ def test_the_springs_of_an_arm_are_found_and_used(tmp_path: Path, hardware: str,
     assert controller["estimator.name"] == "elastic_joint_observer"
     assert controller["estimator.stiffness"] == pytest.approx(figures["stiffness"])
     assert controller["estimator.at_links"] == (encoder == "link")
+
+
+class _Unrelated:
+    """Vibrates, whatever the torque."""
+
+    period = STEP
+
+    def follow(self, _settings: Mapping[str, Any], motion: Motion) -> Samples:
+        states = motion.states.transpose(1, 0, 2)
+        time = np.asarray(STEP * np.arange(len(states)), dtype=np.float64)
+        vibration = 1e-3 * np.sin(2.0 * np.pi * np.outer(time, [13.0, 21.0, 31.0, 43.0]))
+        assert motion.shaking is not None
+        return Samples(np.round(1e9 * time).astype(np.int64), states[:, 0] + vibration, motion.shaking, states, 0)
+
+
+def test_what_explains_nothing_is_not_believed() -> None:
+    known = {"rest": {"noise": [1e-5] * 4, "step": [0.0] * 4, "rate": 1.0 / STEP, "bits": 16}}
+    bench = Bench(ARM, BEFORE, None, np.zeros(4), _Unrelated(), known, lambda _: None, DEFINITION.described)
+    outcome = springs.run(bench)
+    assert outcome.problems == ["neither rigid nor elastic joints explain how the arm moves"]
+    assert not outcome.parameters
+    assert not {"stiffness", "rotor", "delay"} & set(outcome.figures)
