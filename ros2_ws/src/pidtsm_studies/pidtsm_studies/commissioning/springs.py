@@ -33,6 +33,8 @@ _SHARE, _FALLS = 0.05, 30.0
 """Share of the effort limit that shakes the joint; above this frequency, Hz, it falls like 1 / f."""
 _STANDS, _RARELY, _FEWEST = 0.05, 0.1, 3
 """rad/s; a joint that is slower for more than this share of a band is held by friction. Fewer bands tell nothing."""
+_SEEN = 0.7
+"""Share of the joint states of a band that must have arrived."""
 _ELASTIC = 0.75
 """Springs count if with them the answers are explained at this share of the cost without."""
 _UNEXPLAINED = 6.0
@@ -121,12 +123,12 @@ def run(bench: Bench) -> Outcome:
 
 
 def _answers(bench: Bench, moved: Samples, strokes: Sequence[_Stroke]) -> list[Answer]:
-    """What tells something: bands in which the joint slides, of joints that do in several."""
+    """What tells something: bands in which the joint is seen to slide, of joints that do in several."""
     model, rotors, period = bench.model(), np.diag(bench.rotors), 1.0 / bench.rate
     found = []
     for stroke in strokes:
         rows = (moved.time >= stroke.begin) & (moved.time < stroke.end + 0.5 * _PAUSE)
-        if _slides(moved, rows, stroke.joint):
+        if np.count_nonzero(rows) > _SEEN * (stroke.end - stroke.begin) / period and _slides(moved, rows, stroke.joint):
             time, position, effort = (each[rows] for each in (moved.time, moved.position, moved.effort))
             links = model.inertia(position.mean(axis=0)) - rotors
             band = (stroke.low, stroke.high)
