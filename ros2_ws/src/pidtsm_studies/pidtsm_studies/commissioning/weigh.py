@@ -16,8 +16,11 @@ from pidtsm_studies.commissioning.nudge import brake, speed_of
 
 _SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
 """Hz, periods, largest share of the effort limit, and way in multiples of what is visible, of shaking a joint."""
-_EXPLAINED, _STICKY = 0.1, 0.8
-"""Share of the shaking that may stay unexplained, and share of the torque that friction may take."""
+_EXPLAINED, _STICKY, _STANDS, _WIDE = 0.1, 0.8, 0.2, 0.3
+"""Share of the shaking that may stay unexplained, of the torque that friction may take, and of the time for which the
+joint may stand: a joint that sticks more is shaken more, unless it goes as far as this share of `FARTHEST`."""
+_SMOOTH, _STILL = 5, 0.1
+"""Samples over which a velocity is taken, and share of the largest one below which a joint stands."""
 _QUICK = 300.0
 """rad/s^2; joints are tapped that the torque limit accelerates by more by the description: rotors that others lack make
 them twice as heavy at most."""
@@ -82,6 +85,7 @@ def _weighed(catch: Catch, j: int) -> float:
     dt, rate = catch.port.period, 2.0 * np.pi * _SHAKEN
     # The others get what keeps them where they are: a light one would be thrown.
     pattern = catch.inertia[:, j] / catch.inertia[j, j]
+    coupled = np.where(np.arange(pattern.size) == j, 0.0, catch.inertia[j])
     push = 2.0 * float(catch.inertia[j, j]) * rate**2 * catch.visible[j]
     bound = _SHAKE * float((catch.model.effort / np.maximum(np.abs(pattern), 1e-9)).min())
     while True:
@@ -89,27 +93,46 @@ def _weighed(catch: Catch, j: int) -> float:
         first = len(catch.rows)
         for k in range(round(_PERIODS / (_SHAKEN * dt))):
             catch.step(push * np.sin(rate * dt * k) * pattern)
-        q = np.array([row[1][j] for row in catch.rows[first:]])
-        if np.ptp(q) > _CLEAR * catch.visible[j]:
+        positions, torques = (np.array([row[k] for row in catch.rows[first:]]) for k in (1, 2))
+        q, torque = positions[:, j], torques[:, j] - catch.carried[j]
+        wide = float(np.ptp(q))
+        mobility, friction, left = _mobility(q, torque, (positions - positions[0]) @ coupled, dt)
+        sticks = friction > _STICKY * float(np.std(torque)) or _stands(q) > _STANDS
+        if wide > _CLEAR * catch.visible[j] and (not sticks or wide > _WIDE * FARTHEST):
             break
         if push == bound:
             return np.nan
         push *= 2.0
-    torque = np.array([row[2][j] for row in catch.rows[first:]]) - catch.carried[j]
+    # What sticks is not explained, or mostly by friction.
+    return 1.0 / mobility if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
+
+
+def _stands(q: Array) -> float:
+    """Share of the time for which a shaken joint stands; `q`: positions, shape (samples,), rad or m."""
+    speed = np.abs(q[_SMOOTH:] - q[:-_SMOOTH])
+    return float(np.mean(speed < _STILL * speed.max()))
+
+
+def _mobility(q: Array, torque: Array, others: Array, dt: float) -> tuple[float, float, float]:
+    """What a torque accelerates a shaken joint by, the friction that resists, and the share of the way left over.
+
+    Args:
+        q: positions, shape (samples,), rad or m.
+        torque: likewise, N m or N.
+        others: ways of the other joints times their couplings, likewise, kg m^2 or kg m.
+        dt: s.
+    """
     speed = np.gradient(q, dt)
     sliding = np.tanh(speed / max(0.1 * float(np.abs(speed).max()), 1e-9))
     time = dt * np.arange(q.size)
     # Twice integrated, because the positions are too coarse to be differentiated twice.
-    columns = np.column_stack(
-        [np.ones_like(time), time, time**2, *(dt**2 * np.cumsum(np.cumsum(each)) for each in (torque, sliding))]
-    )
+    pushed, resisted = (dt**2 * np.cumsum(np.cumsum(each)) for each in (torque, sliding))
+    columns = np.column_stack([np.ones_like(time), time, time**2, pushed - others, resisted])
     size = np.abs(columns).max(axis=0) + 1e-12
     fit = np.linalg.lstsq(columns / size, q, rcond=None)[0]
-    left = float(np.std(q - columns / size @ fit) / np.std(q))
-    mobility, stopped = (fit / size)[3:]
-    # What sticks is not explained, or mostly by friction.
-    sticks = abs(stopped) > _STICKY * mobility * float(np.std(torque))
-    return 1.0 / float(mobility) if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
+    left = float(np.std(q - columns / size @ fit) / max(float(np.std(q)), 1e-12))
+    mobility, stopped = (float(each) for each in (fit / size)[3:])
+    return mobility, abs(stopped) / max(abs(mobility), 1e-12), left
 
 
 def _tapped(catch: Catch, j: int, loose: float) -> float:
