@@ -1,6 +1,7 @@
 """The gains of `first_gains` for the hardware that a simulated arm has, not for one that is assumed."""
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +32,7 @@ _USED = (
 )
 _SLOWEST_RATE = 10.0
 """1/s; see `_lets_observe`."""
-LONGEST = 20
+_LONGEST = 20
 """Samples; behind a longer delay the bandwidth is so low that no joint resonates."""
 
 
@@ -65,18 +66,8 @@ def hardware_gains(
     stiffness = np.where(rotor > 0.0, joint_array(used[STIFFNESS.name], joints), 0.0)
     lag = float((joint_array(used["actuator.lag"], joints) + _current_lag(used, joints)).max())
     observed = knows_springs and rejects(law) and bool(stiffness.any()) and _lets_observe(controller, on_motor)
-    drives = Drives(
-        period=1.0 / rate,
-        delay=min(delay, LONGEST),
-        lag=lag,
-        rotor=rotor,
-        stiffness=stiffness,
-        damping=joint_array(used["elasticity.damping"], joints),
-        on_motor=on_motor,
-        observed=observed,
-        # With encoders at the links, it stays slower if it predicts.
-        ahead=min(round(delay + rate * lag + 0.5), LONGEST) if observed and on_motor else 0,
-    )
+    damping = joint_array(used["elasticity.damping"], joints)
+    drives = make_drives(rate, delay, lag, Drivetrain(rotor, stiffness, damping, on_motor), observed)
     bits = int(as_float(used["encoder.bits"]))
     gains = first_gains(controller, bits, delay / rate + drives.lag, rate, law, drives)
     friction = joint_array(used["friction.coulomb"], joints) * (1.0 + 0.5 * as_float(used["friction.cold"]))
@@ -84,6 +75,36 @@ def hardware_gains(
         return gains
     known = Gain("compensation.coulomb", tuple(friction.tolist()), "the Coulomb friction of half-warm gears is known")
     return (*gains, known)
+
+
+class Drivetrain(NamedTuple):
+    """Motors and gears, arrays of shape (joints,): kg m^2, N m/rad (0: rigid), N m s/rad; where the encoders are."""
+
+    rotor: Array
+    stiffness: Array
+    damping: Array
+    on_motor: bool
+
+
+def make_drives(rate: float, delay: int, lag: float, train: Drivetrain, observed: bool) -> Drives:
+    """What the rule has to know of drives.
+
+    Args:
+        rate: joint states per second.
+        delay: samples from a measurement to the command that answers it.
+        lag: time constant of the drives, s.
+        train: motors and gears.
+        observed: the observer shall know the springs.
+    """
+    return Drives(
+        period=1.0 / rate,
+        delay=min(delay, _LONGEST),
+        lag=lag,
+        **train._asdict(),
+        observed=observed,
+        # With encoders at the links, it stays slower if it predicts.
+        ahead=min(round(delay + rate * lag + 0.5), _LONGEST) if observed and train.on_motor else 0,
+    )
 
 
 def _lets_observe(controller: Mapping[str, object], on_motor: bool) -> bool:

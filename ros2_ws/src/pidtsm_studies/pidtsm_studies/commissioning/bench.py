@@ -9,7 +9,7 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment.gains import first_gains, rotors
-from pidtsm_core.experiment.hardware_gains import LONGEST
+from pidtsm_core.experiment.hardware_gains import Drivetrain, make_drives
 from pidtsm_core.experiment.law_gains import Gain, Known, gains_of_law, rounded
 from pidtsm_core.experiment.loop_margin import Drives
 from pidtsm_core.robots import Description, robot_schema
@@ -231,20 +231,9 @@ class Bench:
         stiffness = np.where(self.rotors > 0.0, springs.get("stiffness", 0.0), 0.0)
         if not stiffness.any():
             return None
-        whole = int(self.delay * self.rate)
-        lag, on_motor = self.delay - whole / self.rate, springs["encoder"] == Side.MOTOR.value
-        return Drives(
-            period=1.0 / self.rate,
-            delay=min(whole, LONGEST),
-            lag=lag,
-            rotor=self.rotors,
-            stiffness=stiffness,
-            damping=np.array(springs["damping"]),
-            on_motor=on_motor,
-            observed=True,
-            # With encoders at the links, it stays slower if it predicts.
-            ahead=min(round(whole + self.rate * lag + 0.5), LONGEST) if on_motor else 0,
-        )
+        whole, on_motor = int(self.delay * self.rate), springs["encoder"] == Side.MOTOR.value
+        train = Drivetrain(self.rotors, stiffness, np.array(springs["damping"]), on_motor)
+        return make_drives(self.rate, whole, self.delay - whole / self.rate, train, observed=True)
 
     @property
     def bits(self) -> int:
