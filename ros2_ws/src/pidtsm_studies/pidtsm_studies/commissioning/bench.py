@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment.gains import first_gains, rotors
@@ -21,8 +21,8 @@ from pidtsm_studies.commissioning.motions import Motion
 
 CAUTIOUS_BITS, CAUTIOUS_DELAY = 12, 0.008
 """Resolution and delay (s) that are assumed until they are measured: gains for them are low."""
-FIRMNESS = "firmness"
-"""Name of a figure of each step: see `Bench.firmness`."""
+FIRMNESS, ASSUMED = "firmness", "assumes_rotors"
+"""Names of figures of each step: see `Bench`."""
 CAUTION = 0.7
 """Share of the bandwidth of the rule that the first step begins with."""
 FIRMEST = 1.4
@@ -40,6 +40,8 @@ ARMATURE, _HEAVIER = "robot.armature", 1.4
 """Parameter of the rotors, and ratio of shown and described inertia from which on they are taken for not described."""
 _QUICKEST = 2000.0
 """rad/s^2; the torque limit of a joint that turns accelerates it by less, because motors have rotors."""
+_BARE = 300.0
+"""rad/s^2, by which the torque limit accelerates a rotor that is assumed; gears have 100 to 500."""
 _BANDWIDTH = "estimator.bandwidth"
 _SURE = 0.0005
 """s; the delay that a whole motion shows counts if its standard deviation is smaller."""
@@ -106,6 +108,7 @@ class Bench:
         tell: called with what a step finds on its way.
         described: the description of the arm as its user has it.
         firmness: share of the bandwidth of the rule with which the arm has followed so far.
+        assumes_rotors: whether the arm has followed only with rotors assumed where none are known.
     """
 
     arm: Mapping[str, Any]
@@ -117,9 +120,14 @@ class Bench:
     tell: Callable[[str], None]
     described: Callable[[], Description]
     firmness: float = CAUTION
+    assumes_rotors: bool = False
+    _rules: dict[bool, tuple[Gain, ...]] = field(default_factory=dict, init=False)
 
     def follow(self, motion: Motion, velocity: float = 1.0, error: float = ERROR, again: float = ERROR) -> Samples:
         """Follow a motion; if the controller stops the arm, from its begin again with firmer and softer ones.
+
+        If none of them follows, once more with rotors assumed: some arms have joints that nearly undo each other, and
+        their description without rotors accelerates by a fraction of the torque that it takes.
 
         Args:
             motion: the motion.
@@ -130,6 +138,17 @@ class Bench:
         Raises:
             CommissionError: the arm cannot be followed.
         """
+        try:
+            return self._follow(motion, velocity, error, again)
+        except StoppedError as reason:
+            if self.assumes_rotors or not self._lack_rotors.any():
+                raise
+            self.tell(f"{reason}; once more with rotors assumed that the description lacks")
+            self.assumes_rotors = True
+            return self._follow(motion, velocity, again, again)
+
+    def _follow(self, motion: Motion, velocity: float, error: float, again: float) -> Samples:
+        """See `follow`."""
         others = [share for share in _OTHERS if share != self.firmness]
         for share in others:
             try:
@@ -163,20 +182,30 @@ class Bench:
         return any(parameter.name == ARMATURE for parameter in robot_schema(self.arm))
 
     def _rotors(self) -> dict[str, Any]:
-        """Inertias of the rotors that were found and the description lacks, if it can have them."""
-        shown = self.found.get("signs", {}).get("inertia", [])
+        """Inertias of the rotors that were found or are assumed and the description lacks, if it can have them."""
         if not self.takes_rotors:
             return {}
         if self.swung is not None:
             return {ARMATURE: self.swung.tolist()}
-        if not any(shown):
-            return {}
+        more, own = self._shown_rotors, rotors(self.arm)
+        if self.assumes_rotors:
+            more = more + np.where(self._lack_rotors, ArmModel(self.arm).effort / _BARE, 0.0)
+        return {ARMATURE: (own + more).tolist()} if more.any() else {}
+
+    @property
+    def _shown_rotors(self) -> Array:
+        """Inertias by which joints were heavier in the first step than described, shape (joints,), kg m^2 or kg."""
         described = np.diag(ArmModel(self.arm).inertia(self.home))
-        more = [
-            float(each) - own if (each or 0.0) > _HEAVIER * own else 0.0
-            for each, own in zip(shown, described, strict=True)
-        ]
-        return {ARMATURE: (rotors(self.arm) + np.array(more)).tolist()} if any(more) else {}
+        shown = np.array([each or 0.0 for each in self.found.get("signs", {}).get("inertia", [0.0] * described.size)])
+        return np.asarray(np.where(shown > _HEAVIER * described, shown - described, 0.0))
+
+    @property
+    def _lack_rotors(self) -> NDArray[np.bool_]:
+        """Joints that turn and of whose rotors nothing is known, shape (joints,)."""
+        model = ArmModel(self.arm)
+        shown = self.found.get("signs", {}).get("inertia", [None] * len(model.joints))
+        unknown = np.array([each is None for each in shown]) & (rotors(self.arm) == 0.0) & ~model.slides
+        return np.asarray(unknown & self.takes_rotors & (self.swung is None) & ("identify" not in self.found))
 
     def too_light(self) -> str:
         """Why no controller may move the arm: joints that lack the rotors of their motors; empty: it may."""
@@ -214,10 +243,13 @@ class Bench:
         """Bandwidth of the observer by the rule, for what was measured so far, shape (joints,), rad/s."""
         return np.array(next(gain.value for gain in self._rule if gain.name == _BANDWIDTH), dtype=float)
 
-    @cached_property
+    @property
     def _rule(self) -> tuple[Gain, ...]:
         """The gains of the rule for what was measured so far."""
-        return first_gains(self.identified, self.bits, self.delay, self.rate, drives=self._drives)
+        if self.assumes_rotors not in self._rules:
+            known = (self.identified, self.bits, self.delay, self.rate)
+            self._rules[self.assumes_rotors] = first_gains(*known, drives=self._drives)
+        return self._rules[self.assumes_rotors]
 
     @property
     def knows_springs(self) -> bool:

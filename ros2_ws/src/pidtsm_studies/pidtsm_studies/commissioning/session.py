@@ -13,7 +13,7 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.robots import Description
 from pidtsm_studies.commissioning import compare, excite, friction, gains, gravity, lateness, rest, springs
 from pidtsm_studies.commissioning.arm import CommissionError, Wiring
-from pidtsm_studies.commissioning.bench import CAUTION, FIRMNESS, Bench, Follower, Outcome, Plan
+from pidtsm_studies.commissioning.bench import ASSUMED, CAUTION, FIRMNESS, Bench, Follower, Outcome, Plan
 from pidtsm_studies.commissioning.catch import FARTHEST
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
@@ -172,7 +172,8 @@ class Session:
                     raise RefusedError
                 try:
                     outcome = STEPS[name].run(bench)
-                    outcome = replace(outcome, figures={**outcome.figures, FIRMNESS: bench.firmness})
+                    how = {FIRMNESS: bench.firmness, ASSUMED: bench.assumes_rotors}
+                    outcome = replace(outcome, figures={**outcome.figures, **how})
                 except CommissionError as reason:
                     raise CommissionError(f"{reason}{self._stuck(bench)}") from None
             keep(outcome.samples)
@@ -235,11 +236,10 @@ class Session:
         subject = self.subject
         figures = {name: each["figures"] for name, each in self.found.items()}
         home = np.array(figures[_FIRST]["home"])
-        known = [each[FIRMNESS] for each in figures.values() if FIRMNESS in each]
-        firmness = float(known[-1]) if known else CAUTION
-        return Bench(
-            subject.arm, subject.before, subject.motion, home, loop, figures, tell, subject.described, firmness
-        )
+        known = [each for each in figures.values() if FIRMNESS in each]
+        firmness, assumed = (known[-1][FIRMNESS], known[-1].get(ASSUMED, False)) if known else (CAUTION, False)
+        told = (subject.arm, subject.before, subject.motion, home, loop, figures, tell, subject.described)
+        return Bench(*told, float(firmness), assumed)
 
     def _add(self, name: str, outcome: Outcome) -> None:
         self._keep_samples(outcome.samples)

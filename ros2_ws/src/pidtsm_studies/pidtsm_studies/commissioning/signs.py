@@ -17,6 +17,7 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.arm import CommissionError, Port, Wired, Wiring
 from pidtsm_studies.commissioning.catch import AwayError, Catch
+from pidtsm_studies.commissioning.mirrored import is_mirrored
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.nudge import NUDGE, NUDGE_TIME, brake, loosen, speed_of
 from pidtsm_studies.commissioning.weigh import inertias, is_quick
@@ -43,6 +44,8 @@ _PREFERS = 2.0
 """How much better an explanation with inverted torques must fit than one with none."""
 _POSTURES, _DIFFERS = 3, 0.03
 """How often another position may be taken for inverted, and share of the effort limit by which this must matter."""
+_SURELY = 0.1
+"""Share of the effort limit above which what carries the arm cannot be friction."""
 _SHOWS = 3.0
 """A wrong sign shows when the arm is released if the joint falls this many times as far as is visible."""
 
@@ -327,23 +330,47 @@ def _held(catch: Catch) -> Array:
 
 
 def _which(catch: Catch, hold: Array) -> Wiring:
-    """Whether the position or the torque is inverted: only one of them fits the torque that holds the arm."""
+    """Whether the position or the torque is inverted: only one of them fits what carries the arm, and how it reacts.
+
+    Where the weight could as well be friction, how the other joints react counts more. Of joints that only tell of each
+    other, one whose limits are alike on both sides counts as turned.
+    """
     position, may_turn = np.ones(hold.size), catch.model.may_be(-catch.start)
-    for j in np.flatnonzero(catch.sign < 0.0):
-        apart = []
-        for of_position in (1.0, -1.0):
-            q = catch.start.copy()
-            q[j] *= of_position
-            held = catch.model.gravity(q[np.newaxis])[0]
-            sign = catch.sign.copy()
-            sign[j] *= of_position
-            apart.append(float(np.linalg.norm(sign * hold - held)))
-        name = catch.model.joints[j]
-        if may_turn[j] and apart[1] < 0.5 * apart[0]:
-            position[j] = -1.0
-            catch.tell(f"{name}: it is the position that counts in the other direction")
-        elif not may_turn[j] or apart[0] < 0.5 * apart[1]:
-            catch.tell(f"{name}: it is the torque that acts in the other direction")
+    undecided, likely = [], dict[int, float]()
+    for j in np.flatnonzero(catch.sign < 0.0).tolist():
+        as_is, turned = (_apart(catch, hold, j, of_position) for of_position in (1.0, -1.0))
+        if not may_turn[j] or min(as_is, turned) < 0.5 * max(as_is, turned):
+            likely[j] = -1.0 if may_turn[j] and turned < as_is else 1.0
+        if j in likely and (not may_turn[j] or abs(as_is - turned) > _SURELY * catch.model.effort[j]):
+            position[j] = likely[j]
+            _tell_which(catch, j, position[j])
         else:
+            undecided.append(j)
+    told_apart = []
+    for j in sorted(undecided, key=lambda j: abs(catch.model.lower[j] + catch.model.upper[j])):
+        mirrored = is_mirrored(catch, j, position)
+        if mirrored is None and j not in likely:
+            name = catch.model.joints[j]
             catch.tell(f"{name}: position or torque; turn it by hand and look at which way its position counts")
+            continue
+        if mirrored is not None:
+            told_apart.append(catch.model.joints[j])
+        position[j] = likely[j] if mirrored is None else -1.0 if mirrored else 1.0
+        _tell_which(catch, j, position[j])
+    if len(told_apart) > 1:
+        both = ", ".join(told_apart)
+        catch.tell(f"{both}: or all of them the other way, which moves alike; turn one by hand and look")
     return Wiring(position, position * catch.sign)
+
+
+def _apart(catch: Catch, hold: Array, j: int, of_position: float) -> float:
+    """How far the torque that holds the arm is from its weight, N m, if the position of joint j is inverted, or not."""
+    q, sign = catch.start.copy(), catch.sign.copy()
+    q[j] *= of_position
+    sign[j] *= of_position
+    return float(np.linalg.norm(sign * hold - catch.model.gravity(q[np.newaxis])[0]))
+
+
+def _tell_which(catch: Catch, j: int, of_position: float) -> None:
+    what = "position that counts" if of_position < 0.0 else "torque that acts"
+    catch.tell(f"{catch.model.joints[j]}: it is the {what} in the other direction")

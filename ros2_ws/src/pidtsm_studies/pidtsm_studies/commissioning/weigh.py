@@ -82,18 +82,14 @@ def inertias(catch: Catch, loose: Array) -> Array:
 
 def _weighed(catch: Catch, j: int) -> float:
     """The inertia that a joint shows when it is shaken a little, kg m^2 or kg; nan: it does not move."""
-    dt, rate = catch.port.period, 2.0 * np.pi * _SHAKEN
+    dt = catch.port.period
     # The others get what keeps them where they are: a light one would be thrown.
     pattern = catch.inertia[:, j] / catch.inertia[j, j]
     coupled = np.where(np.arange(pattern.size) == j, 0.0, catch.inertia[j])
-    push = 2.0 * float(catch.inertia[j, j]) * rate**2 * catch.visible[j]
-    bound = _SHAKE * float((catch.model.effort / np.maximum(np.abs(pattern), 1e-9)).min())
+    push, bound = first_push(catch, j), hardest_push(catch, pattern)
     while True:
         push = min(push, bound)
-        first = len(catch.rows)
-        for k in range(round(_PERIODS / (_SHAKEN * dt))):
-            catch.step(push * np.sin(rate * dt * k) * pattern)
-        positions, torques = (np.array([row[k] for row in catch.rows[first:]]) for k in (1, 2))
+        positions, torques = shake(catch, push * pattern)
         q, torque = positions[:, j], torques[:, j] - catch.carried[j]
         wide = float(np.ptp(q))
         mobility, friction, left = _mobility(q, torque, (positions - positions[0]) @ coupled, dt)
@@ -107,10 +103,42 @@ def _weighed(catch: Catch, j: int) -> float:
     return 1.0 / mobility if mobility > 0.0 and left < _EXPLAINED and not sticks else np.nan
 
 
+def first_push(catch: Catch, j: int) -> float:
+    """Amplitude that shakes joint j twice as far as is visible if nothing resists, N m or N."""
+    return 2.0 * float(catch.inertia[j, j]) * (2.0 * np.pi * _SHAKEN) ** 2 * float(catch.visible[j])
+
+
+def hardest_push(catch: Catch, pattern: Array) -> float:
+    """Largest amplitude, for torques that are so many times as large, shape (joints,)."""
+    return _SHAKE * float((catch.model.effort / np.maximum(np.abs(pattern), 1e-9)).min())
+
+
+def shake(catch: Catch, amplitude: Array) -> tuple[Array, Array]:
+    """Shake the arm with sines of some periods; `amplitude`: of the torques, shape (joints,), N m or N.
+
+    Returns:
+        Positions and torques meanwhile, shape (samples, joints) each.
+
+    Raises:
+        AwayError: a joint moves too far; commands have ceased.
+    """
+    dt, first = catch.port.period, len(catch.rows)
+    for k in range(round(_PERIODS / (_SHAKEN * dt))):
+        catch.step(amplitude * np.sin(2.0 * np.pi * _SHAKEN * dt * k))
+    positions, torques = (np.array([row[k] for row in catch.rows[first:]]) for k in (1, 2))
+    return positions, torques
+
+
 def _stands(q: Array) -> float:
     """Share of the time for which a shaken joint stands; `q`: positions, shape (samples,), rad or m."""
     speed = np.abs(q[_SMOOTH:] - q[:-_SMOOTH])
     return float(np.mean(speed < _STILL * speed.max()))
+
+
+def sliding(q: Array, dt: float) -> Array:
+    """Friction of a joint relative to the largest one, shape (samples,); `q`: its positions, likewise; `dt`: s."""
+    speed = np.gradient(q, dt)
+    return np.asarray(np.tanh(speed / max(0.1 * float(np.abs(speed).max()), 1e-9)))
 
 
 def _mobility(q: Array, torque: Array, others: Array, dt: float) -> tuple[float, float, float]:
@@ -122,11 +150,9 @@ def _mobility(q: Array, torque: Array, others: Array, dt: float) -> tuple[float,
         others: ways of the other joints times their couplings, likewise, kg m^2 or kg m.
         dt: s.
     """
-    speed = np.gradient(q, dt)
-    sliding = np.tanh(speed / max(0.1 * float(np.abs(speed).max()), 1e-9))
     time = dt * np.arange(q.size)
     # Twice integrated, because the positions are too coarse to be differentiated twice.
-    pushed, resisted = (dt**2 * np.cumsum(np.cumsum(each)) for each in (torque, sliding))
+    pushed, resisted = (dt**2 * np.cumsum(np.cumsum(each)) for each in (torque, sliding(q, dt)))
     columns = np.column_stack([np.ones_like(time), time, time**2, pushed - others, resisted])
     size = np.abs(columns).max(axis=0) + 1e-12
     fit = np.linalg.lstsq(columns / size, q, rcond=None)[0]
