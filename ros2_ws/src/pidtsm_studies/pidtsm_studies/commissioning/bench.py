@@ -192,6 +192,14 @@ class Bench:
             more = more + np.where(self._lack_rotors, ArmModel(self.arm).effort / _BARE, 0.0)
         return {ARMATURE: (own + more).tolist()} if more.any() else {}
 
+    def rotors_by_reason(self) -> dict[str, tuple[Any, str]]:
+        """The parameter for rotors that neither a step has measured nor the identified arm has, with its reason."""
+        if self.swung is not None or "parameters" in self.found.get("identify", {}):
+            return {}
+        assumed = ", the others assumed: no controller followed without" if self.assumes_rotors else ""
+        reason = f"rotors as the joints showed them in the first step{assumed}"
+        return {name: (value, reason) for name, value in self._rotors().items()}
+
     @property
     def _shown_rotors(self) -> Array:
         """Inertias by which joints were heavier in the first step than described, shape (joints,), kg m^2 or kg."""

@@ -93,6 +93,7 @@ def run(bench: Bench) -> Outcome:
         for gain in gains
     }
     parameters |= {name: (value, "the arm stops there") for name, value in safeguards(1.0).items()}
+    parameters |= bench.rotors_by_reason()
     figures = {"levels": levels, "chosen": chosen, "stopped": stopped, "bandwidth": (chosen * rule).tolist()}
     verdict = f"observers with {min(chosen * rule):.0f} to {max(chosen * rule):.0f} rad/s ({why})"
     return Outcome(verdict, figures, (), parameters, recorded)

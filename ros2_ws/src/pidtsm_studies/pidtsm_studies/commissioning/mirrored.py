@@ -13,9 +13,11 @@ from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.catch import FARTHEST, Catch
 from pidtsm_studies.commissioning.weigh import first_push, hardest_push, shake, sliding
 
-_CLEAR, _WIDE = 2.0, 0.3
+_CLEAR, _WIDE = 1.5, 0.3
 """Way of joints that tells something, as a multiple of what is visible; and share of `FARTHEST` from which on a joint
 is not shaken more."""
+_HARDER = 1.5
+"""Factor of the torques if they tell nothing yet."""
 _COUPLED = 0.05
 """Couplings, relative to the inertia of the joint, that can tell something."""
 _SURELY, _EXPLAINS = 0.3, 0.7
@@ -56,7 +58,7 @@ def is_mirrored(catch: Catch, j: int, turned: Array) -> bool | None:
                 return share < 0.0
         if push == bound or ways.max() > _WIDE * FARTHEST:
             return None
-        push *= 2.0
+        push *= _HARDER
 
 
 def _couplings(catch: Catch, j: int, turned: Array) -> Array:

@@ -19,6 +19,8 @@ _SHAKEN, _PERIODS, _SHAKE, _CLEAR = 4.0, 3.0, 0.3, 2.0
 _EXPLAINED, _STICKY, _STANDS, _WIDE = 0.1, 0.8, 0.2, 0.3
 """Share of the shaking that may stay unexplained, of the torque that friction may take, and of the time for which the
 joint may stand: a joint that sticks more is shaken more, unless it goes as far as this share of `FARTHEST`."""
+_ENOUGH = 0.5
+"""Share of `FARTHEST` that a joint may go until shaking ends at once."""
 _SMOOTH, _STILL = 5, 0.1
 """Samples over which a velocity is taken, and share of the largest one below which a joint stands."""
 _QUICK = 300.0
@@ -116,6 +118,8 @@ def hardest_push(catch: Catch, pattern: Array) -> float:
 def shake(catch: Catch, amplitude: Array) -> tuple[Array, Array]:
     """Shake the arm with sines of some periods; `amplitude`: of the torques, shape (joints,), N m or N.
 
+    It ends early if a joint goes far: friction that no longer holds it.
+
     Returns:
         Positions and torques meanwhile, shape (samples, joints) each.
 
@@ -123,8 +127,11 @@ def shake(catch: Catch, amplitude: Array) -> tuple[Array, Array]:
         AwayError: a joint moves too far; commands have ceased.
     """
     dt, first = catch.port.period, len(catch.rows)
+    begin = catch.rows[-1][1]
     for k in range(round(_PERIODS / (_SHAKEN * dt))):
         catch.step(amplitude * np.sin(2.0 * np.pi * _SHAKEN * dt * k))
+        if np.abs(catch.rows[-1][1] - begin).max() > _ENOUGH * FARTHEST:
+            break
     positions, torques = (np.array([row[k] for row in catch.rows[first:]]) for k in (1, 2))
     return positions, torques
 

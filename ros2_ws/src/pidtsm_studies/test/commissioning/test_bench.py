@@ -1,12 +1,15 @@
 """When the controller stops the arm, a step tries firmer and softer ones; the next step begins with what worked."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from pidtsm_core import robots
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_studies.commissioning.arm import CommissionError, StoppedError
 from pidtsm_studies.commissioning.bench import CAUTION, Bench
@@ -19,16 +22,24 @@ MOTION = rest(HOME, 0.1)
 
 
 class _Arm:
-    """Stops unless the bandwidth of the controller is between two values, relative to that of the rule."""
+    """Stops unless the bandwidth of the controller is between two values, relative to that of the rule.
+
+    A heavy one stops any controller that knows of no rotors.
+    """
 
     period = 0.002
 
-    def __init__(self, low: float, high: float, error: type[CommissionError] = StoppedError) -> None:
-        self.low, self.high, self.error = low, high, error
+    def __init__(
+        self, low: float, high: float, error: type[CommissionError] = StoppedError, heavy: bool = False
+    ) -> None:
+        self.low, self.high, self.error, self.heavy = low, high, error, heavy
         self.tried: list[float] = []
         self.rule = np.ones(4)
 
     def follow(self, settings: Mapping[str, Any], motion: Motion) -> Samples:
+        if self.heavy and not np.any(settings.get("robot.armature", 0.0)):
+            self.tried.append(0.0)
+            raise self.error("the controller has stopped the arm")
         share = float(np.mean(np.array(settings["estimator.bandwidth"]) / self.rule))
         self.tried.append(round(share, 1))
         if not self.low <= self.tried[-1] <= self.high:
@@ -37,11 +48,19 @@ class _Arm:
         return Samples(np.arange(len(states)), states[:, 0], states[:, 0], states, 0)
 
 
-def bench(arm: _Arm, told: list[str], firmness: float = CAUTION) -> Bench:
-    settings = DEFINITION.settings()
-    result = Bench(settings, settings, None, HOME, arm, {}, told.append, DEFINITION.described, firmness)
+def bench(arm: _Arm, told: list[str], firmness: float = CAUTION, definition: ArmDefinition = DEFINITION) -> Bench:
+    settings = definition.settings()
+    result = Bench(settings, settings, None, HOME, arm, {}, told.append, definition.described, firmness)
     arm.rule = result.bandwidth()
     return result
+
+
+@pytest.fixture
+def without_rotors(tmp_path: Path) -> ArmDefinition:
+    file = tmp_path / "scara.urdf"
+    text = Path(robots.__file__).with_name("arms").joinpath("scara.urdf").read_text(encoding="utf-8")
+    file.write_text(re.sub(r"<drake:rotor_inertia [^>]*/>", "", text), encoding="utf-8")
+    return ArmDefinition(str(file))
 
 
 @pytest.mark.parametrize(
@@ -64,11 +83,45 @@ def test_what_follows_is_found_and_kept(low: float, high: float, tried: list[flo
     assert arm.tried == [*tried, tried[-1]]
 
 
-def test_each_controller_is_tried_once() -> None:
+def test_each_controller_is_tried_once_and_where_rotors_may_lack_once_more(without_rotors: ArmDefinition) -> None:
+    """Relative to the bandwidth of the rule without them."""
+    for definition, expected in (
+        (DEFINITION, [1.4, 1.0, 0.5, 0.35]),
+        (without_rotors, [1.4, 1.0, 0.5, 0.35, 0.35, 1.0, 1.4, 0.5]),
+    ):
+        arm = _Arm(3.0, 4.0)
+        with pytest.raises(StoppedError):
+            bench(arm, [], 1.4, definition).follow(MOTION)
+        assert arm.tried == pytest.approx(expected, rel=0.2)
+
+
+def test_rotors_are_assumed_where_nothing_follows_without(without_rotors: ArmDefinition) -> None:
+    """Not of a joint whose inertia the first step has seen, nor of one that slides; the result says so."""
+    arm, told = _Arm(0.0, 3.0, heavy=True), list[str]()
+    tested = bench(arm, told, definition=without_rotors)
+    described = np.diag(tested.model().inertia(HOME))
+    tested.found = {"signs": {"inertia": [described[0], None, None, None]}}
+    tested.follow(MOTION)
+    limit = tested.model().effort
+    np.testing.assert_allclose(tested.rotors, [0.0, limit[1] / 300.0, 0.0, limit[3] / 300.0])
+    assert "rotors assumed" in told[-1]
+    count = len(arm.tried)
+    tested.follow(MOTION)
+    assert len(arm.tried) == count + 1, "the next step begins with them"
+    value, reason = tested.rotors_by_reason()["robot.armature"]
+    assert value == tested.rotors.tolist()
+    assert "the others assumed" in reason
+
+
+@pytest.mark.parametrize("known", [{"springs": {"rotor": [0.1, 0.1, 0.0, 0.1]}}, {"identify": {"parameters": {}}}])
+def test_rotors_that_were_measured_are_not_assumed(known: dict[str, Any], without_rotors: ArmDefinition) -> None:
     arm = _Arm(3.0, 4.0)
+    tested = bench(arm, [], definition=without_rotors)
+    tested.found = {**known, "springs": {"stiffness": [0.0] * 4, **known.get("springs", {})}}
     with pytest.raises(StoppedError):
-        bench(arm, [], firmness=1.4).follow(MOTION)
-    assert arm.tried == [1.4, 1.0, 0.5, pytest.approx(0.35, abs=0.06)]
+        tested.follow(MOTION)
+    assert len(arm.tried) == 5
+    assert not tested.assumes_rotors
 
 
 def test_what_no_gains_cure_is_not_tried_again() -> None:

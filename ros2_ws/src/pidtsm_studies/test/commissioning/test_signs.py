@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_studies.commissioning.arm import CommissionError, Measured, Wiring
@@ -145,3 +147,59 @@ def test_commands_cease_where_nothing_holds_the_arm() -> None:
         find_signs(arm, ArmModel(ARM), lambda _: None)
     # Four tries, each of which ends soon after the limit.
     assert np.all(np.abs(arm.q - 0.5) < 4.0 * 1.3 * FARTHEST)
+
+
+PLANAR = (
+    '<robot name="planar"><link name="base"/>'
+    + _LINK.format(name="arm", x=0.2, mass=3.0, inertia=0.03)
+    + _LINK.format(name="forearm", x=0.15, mass=2.0, inertia=0.02)
+    + _JOINT.format(name="shoulder", parent="base", child="arm", x=0, axis="0 0 1", effort=60)
+    + _JOINT.format(name="elbow", parent="arm", child="forearm", x=0.4, axis="0 0 1", effort=25)
+    + "</robot>"
+)
+"""Two joints about vertical axes: gravity tells nothing of them."""
+
+
+class _InMujoco:
+    """An arm in MuJoCo, with brakes that hold it whenever no torque comes."""
+
+    period = 0.002
+
+    def __init__(self, text: str, start: list[float], friction: float, wiring: Wiring) -> None:
+        self.model = mujoco.MjModel.from_xml_string(text)
+        self.model.opt.timestep = 0.25 * self.period
+        self.model.dof_frictionloss[:] = friction
+        self.data, self.wiring = mujoco.MjData(self.model), wiring
+        self.data.qpos[:] = start
+
+    def sense(self) -> Measured:
+        step = 2.0 * np.pi / 2.0**17
+        position = self.wiring.position * np.round(self.data.qpos / step) * step
+        return Measured(round(1e9 * self.data.time), position)
+
+    def act(self, effort: Array | None) -> None:
+        if effort is None:
+            self.data.qvel[:] = 0.0
+            self.data.time += self.period
+            return
+        self.data.qfrc_applied[:] = self.wiring.effort * effort
+        mujoco.mj_step(self.model, self.data, nstep=4)
+
+
+@pytest.mark.parametrize("friction", [0.1, 0.8])
+@pytest.mark.parametrize("of_position", [True, False], ids=["position", "torque"])
+@pytest.mark.parametrize("joint", [0, 1])
+def test_couplings_tell_an_inverted_position_from_an_inverted_torque(
+    tmp_path: Path, joint: int, of_position: bool, friction: float
+) -> None:
+    file = tmp_path / "planar.urdf"
+    file.write_text(PLANAR, encoding="utf-8")
+    wiring = Wiring.described(2)
+    (wiring.position if of_position else wiring.effort)[joint] = -1.0
+    told = list[str]()
+    model = ArmModel(ArmDefinition(str(file)).settings())
+    signs, _ = find_signs(_InMujoco(PLANAR, [0.4, 0.7], friction, wiring), model, told.append)
+    assert signs.wiring.position.tolist() == wiring.position.tolist()
+    assert signs.wiring.effort.tolist() == wiring.effort.tolist()
+    assert f"it is the {'position' if of_position else 'torque'} that" in told[-1]
+    assert np.all(signs.moved < FARTHEST)
