@@ -39,7 +39,15 @@ _WATCHED, _CALMS = 1.0, 0.8
 
 
 class AwayError(CommissionError):
-    """A joint moves too far; commands have ceased."""
+    """A joint moves too far; commands have ceased.
+
+    Attributes:
+        joint: its index.
+    """
+
+    def __init__(self, text: str, joint: int) -> None:
+        super().__init__(text)
+        self.joint = joint
 
 
 class Catch:
@@ -190,11 +198,12 @@ class Catch:
             self._judge(way)
         if np.any(np.abs(way) > FARTHEST):
             self.port.act(None)
-            joint = self.model.joints[int(np.abs(way).argmax())]
+            away = int(np.abs(way).argmax())
             raise AwayError(
-                f"{joint} moves away although it should be held, by {np.abs(way).max():.3g} (allowed: {FARTHEST:g}); "
+                f"{self.model.joints[away]} moves away although it should be held, by {np.abs(way).max():.3g} (allowed: {FARTHEST:g}); "
                 "commands have ceased, so that the brakes close. Check the order of the joints, their units and the "
-                "description"
+                "description",
+                away,
             )
         # Of a joint that sticks, the integral would grow until it leaps.
         self._past.append(q.copy())

@@ -9,7 +9,7 @@ fits, commands cease, and the brakes close.
 """
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,8 @@ _RESISTED = (0.4, 0.7, 1.0)
 """Shares of the acceleration that friction may leave."""
 _PREFERS = 2.0
 """How much better an explanation with inverted torques must fit than one with none."""
+_MOST_TRIES = 5
+"""How often the arm is released until a session gives up."""
 _POSTURES, _DIFFERS = 3, 0.03
 """How often another position may be taken for inverted, and share of the effort limit by which this must matter."""
 _SURELY = 0.1
@@ -92,9 +94,10 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
         CommissionError: nothing fits; commands have ceased.
     """
     ones = np.ones(len(model.joints))
-    tries, postures = [_Try(_possible(port, model, tell), ones, _STIFF)], 0
+    tries, done, postures = [_Try(_possible(port, model, tell), ones, _STIFF)], list[_Try](), 0
     while True:
         guess = tries.pop(0)
+        done.append(guess)
         catch = Catch(Wired(port, Wiring(guess.position, ones)), model, guess.stiff, guess.sign.copy(), tell)
         try:
             return _found(catch, guess.position, postures < _POSTURES)
@@ -102,10 +105,10 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
             tries.insert(0, _Try(guess.position * error.position, error.sign, _STIFF))
             postures += 1
         except AwayError as error:
-            if not tries and guess.stiff == _SOFT:
+            tries += [each for each in _other_tries(guess, catch, error.joint) if not each.is_among((*tries, *done))]
+            if not tries or len(done) == _MOST_TRIES:
                 raise
             tell(f"{error}; once more, with what seems to be inverted")
-            tries = tries or _other_tries(guess, catch)
 
 
 def _possible(port: Port, model: ArmModel, tell: Callable[[str], None]) -> Array:
@@ -127,17 +130,31 @@ class _Try:
     sign: Array
     stiff: float
 
+    def is_among(self, others: Sequence["_Try"]) -> bool:
+        """Whether one of them assumes the same."""
+        return any(
+            np.array_equal(self.position, each.position)
+            and np.array_equal(self.sign, each.sign)
+            and self.stiff == each.stiff
+            for each in others
+        )
 
-def _other_tries(guess: _Try, catch: Catch) -> list[_Try]:
-    """What to try when a joint got away: what seems inverted is the torque, or the position; or the arm rang."""
-    soft = _Try(guess.position, catch.sign, _SOFT)
-    if not catch.inverted:
-        return [soft]
-    if not catch.model.may_be(-catch.start)[catch.inverted[0]]:
-        return [_Try(guess.position, catch.sign, _STIFF), soft]
-    position = guess.position.copy()
-    position[catch.inverted[0]] *= -1.0
-    return [_Try(guess.position, catch.sign, _STIFF), _Try(position, guess.sign, _STIFF), soft]
+
+def _other_tries(guess: _Try, catch: Catch, away: int) -> list[_Try]:
+    """What to try when joint `away` got away: what seems inverted is the torque, or the position; or the arm rang."""
+    result = []
+    if catch.inverted:
+        result.append(_Try(guess.position, catch.sign, _STIFF))
+        if catch.model.may_be(-catch.start)[catch.inverted[0]]:
+            position = guess.position.copy()
+            position[catch.inverted[0]] *= -1.0
+            result.append(_Try(position, guess.sign, _STIFF))
+    result.append(_Try(guess.position, catch.sign, _SOFT))
+    if not catch.sure[away]:  # It was too fast to be judged.
+        sign = catch.sign.copy()
+        sign[away] *= -1.0
+        result.append(_Try(guess.position, sign, _STIFF))
+    return result
 
 
 class _OtherPostureError(Exception):
