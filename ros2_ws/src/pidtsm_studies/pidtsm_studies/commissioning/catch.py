@@ -199,10 +199,10 @@ class Catch:
         if np.any(np.abs(way) > FARTHEST):
             self.port.act(None)
             away = int(np.abs(way).argmax())
+            name, far = self.model.joints[away], float(np.abs(way[away]))
             raise AwayError(
-                f"{self.model.joints[away]} moves away although it should be held, by {np.abs(way).max():.3g} (allowed: {FARTHEST:g}); "
-                "commands have ceased, so that the brakes close. Check the order of the joints, their units and the "
-                "description",
+                f"{name} moves away although it should be held, by {far:.3g} (allowed: {FARTHEST:g}); commands have "
+                "ceased, so that the brakes close. Check the order of the joints, their units and the description",
                 away,
             )
         # Of a joint that sticks, the integral would grow until it leaps.
