@@ -18,7 +18,7 @@ from pidtsm_studies.reports.page import BAD, GOOD, PLAIN, Answer, Page, Section,
 _DRAWN = 1500
 """Points of a line at most."""
 _TIME = Axis("time, s")
-_ERROR, _EFFORT = Axis("error, mrad or mm"), Axis("torque, share of the limit")
+_WAY, _EFFORT = Axis("mrad or mm"), Axis("share of the limit")
 _TEMPLATE = "commissioning/templates/step.html"
 
 
@@ -59,13 +59,18 @@ def _verdict(session: Session) -> tuple[str, str]:
 
 
 def _answers(session: Session, looks: Sequence[str]) -> list[Answer]:
-    def told(step: str) -> str:
-        return str(session.found[step]["verdict"]) if step in session.found else "not done yet"
+    """The cards; the first part of a verdict must do, the sections have the rest."""
 
+    def told(step: str, until: str = ":") -> str:
+        text = str(session.found[step]["verdict"]) if step in session.found else "not done yet"
+        return text.partition(until)[0]
+
+    late = session.found.get("springs", {}).get("figures", {}).get("delay")
+    lateness = told("lateness") if late is None else f"torques act {1e3 * late:.1f} ms after the position"
     inverted = bool(session.found.get("signs", {}).get("problems"))
     return [
-        Answer("Is the arm wired as described?", told("signs"), state=BAD if inverted else PLAIN),
-        Answer("How good are its signals?", told("rest"), told("lateness")),
+        Answer("Is the arm wired as described?", told("signs", "; correct"), state=BAD if inverted else PLAIN),
+        Answer("How good are its signals?", told("rest"), lateness),
         Answer("Are the joints elastic?", told("springs")),
         Answer("Is the description right?", told("gravity"), told("identify")),
         Answer(
@@ -109,29 +114,29 @@ def _charts(
             _over_time(model, samples, 1e3 * (samples.position - samples.position[0])),
         )
     elif name == "springs" and "frequency" in figures:
-        yield "Acceleration per torque", "springs-answers", _shaking(model, figures)
+        yield "Acceleration per torque: measured (points) and explained", "springs-answers", _shaking(model, figures)
     elif name == "gains":
         levels = figures["levels"]
         at = np.array([each["level"] for each in levels])
-        for title, key in (("Error", "error"), ("Roughness of the torque, 1: allowed", "rough")):
+        for title, key, unit in (("Error", "error", "rad or m"), ("Roughness of the torque", "rough", "1: allowed")):
             values = np.array([each[key] for each in levels])
             lines = [Line(joint, j, at, values[:, j]) for j, joint in enumerate(model.joints)]
-            yield title, f"gains-{key}", chart(lines, Axis("bandwidth, relative to the rule"), Axis(title.lower()))
+            yield title, f"gains-{key}", chart(lines, Axis("bandwidth, relative to the rule"), Axis(unit))
     elif name == "compare":
         last = [each for each in (OLD, NEW) if any(key.startswith(each) for key in found["samples"])]
         for each in last:
             key = [key for key in found["samples"] if key.startswith(each)][-1]
             moved = session.samples(key).motion
             error = 1e3 * (moved.position - moved.desired[:, 0])
-            yield f"Error, {each}", f"compare-{each}", _over_time(model, moved, error, _ERROR)
+            yield f"Error, {each}", f"compare-{each}", _over_time(model, moved, error)
     elif found["samples"]:
         moved = session.samples(found["samples"][0]).motion
         yield "Torque", f"{name}-effort", _over_time(model, moved, moved.effort / model.effort, _EFFORT)
         error = 1e3 * (moved.position - moved.desired[:, 0])
-        yield "Error", f"{name}-error", _over_time(model, moved, error, _ERROR)
+        yield "Error", f"{name}-error", _over_time(model, moved, error)
 
 
-def _over_time(model: ArmModel, samples: Samples, values: Array, axis: Axis = _ERROR) -> dict[str, Any]:
+def _over_time(model: ArmModel, samples: Samples, values: Array, axis: Axis = _WAY) -> dict[str, Any]:
     few = slice(None, None, max(1, len(values) // _DRAWN))
     lines = [Line(joint, j, samples.time[few], values[few, j]) for j, joint in enumerate(model.joints)]
     return chart(lines, _TIME, axis)
@@ -146,9 +151,8 @@ def _shaking(model: ArmModel, figures: dict[str, Any]) -> dict[str, Any]:
     for j in np.unique(shaken).tolist():
         of_joint = np.flatnonzero(shaken == j)
         rows = of_joint[np.argsort(frequency[of_joint], kind="stable")]
-        joint = model.joints[j]
-        lines.append(Line(f"{joint}, measured", j, frequency[rows], measured[rows], _POINTS))
-        lines.append(Line(f"{joint}, explained", j, frequency[rows], explained[rows]))
+        lines.append(Line("", j, frequency[rows], measured[rows], _POINTS))
+        lines.append(Line(model.joints[j], j, frequency[rows], explained[rows]))
     return chart(lines, Axis("frequency, Hz", logarithmic=True), Axis("1/(kg m^2)", logarithmic=True))
 
 

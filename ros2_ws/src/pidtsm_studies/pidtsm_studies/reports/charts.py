@@ -36,7 +36,7 @@ class Line:
     """A line of a chart.
 
     Attributes:
-        label: text.
+        label: text; empty: it is not in the legend.
         style: index of its look, see `looks`.
         x, y: shape (points,); what is not finite is not drawn.
         points: diameter of its points, px, if it consists of points only.
