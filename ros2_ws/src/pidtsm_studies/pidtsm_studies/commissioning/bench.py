@@ -36,6 +36,10 @@ _NUDGED = 0.4
 """Share of the torque of a nudge that is compensated until then: it takes more to break away than to slide."""
 ERROR, _ROOM = 0.3, 3.0
 """The arm is stopped at this tracking error, rad, and at this multiple of the velocity that a step needs."""
+_SLIDING, _INSIDE = 0.3, 0.85
+"""m of a joint that slides that count as much as 1 rad; and share of the way to its nearest limit that a joint may go:
+what sticks overshoots.
+"""
 ARMATURE, _HEAVIER = "robot.armature", 1.4
 """Parameter of the rotors, and ratio of shown and described inertia from which on they are taken for not described."""
 _QUICKEST = 2000.0
@@ -244,8 +248,8 @@ class Bench:
 
     def reach(self, model: ArmModel, most: float) -> Array:
         """How far each joint may move to either side of home, shape (joints,), rad or m."""
-        room = np.minimum(model.upper - self.home, self.home - model.lower)
-        return np.asarray(np.clip(room, 0.0, np.where(model.slides, 0.3 * most, most)))
+        room = _INSIDE * np.minimum(model.upper - self.home, self.home - model.lower)
+        return np.asarray(np.clip(room, 0.0, np.where(model.slides, _SLIDING * most, most)))
 
     def bandwidth(self) -> Array:
         """Bandwidth of the observer by the rule, for what was measured so far, shape (joints,), rad/s."""
@@ -300,7 +304,12 @@ class Bench:
         """
         bandwidth = self.firmness * self.bandwidth() if bandwidth is None else bandwidth
         gains = {gain.name: gain.value for gain in self.gains(bandwidth)}
-        return {**self.identified, **gains, **self.compensation, **safeguards(velocity, error)}
+        return {**self.identified, **gains, **self.compensation, **self.safeguards(velocity, error)}
+
+    def safeguards(self, velocity: float, error: float = ERROR) -> dict[str, Any]:
+        """Limits at which the controller stops, for a step that needs this velocity, rad/s, and error, rad."""
+        errors = np.where(self.model().slides, _SLIDING * error, error)
+        return {"limits.tracking_error": errors.tolist(), "limits.velocity": _ROOM * velocity}
 
     @property
     def compensation(self) -> dict[str, Any]:
@@ -332,8 +341,3 @@ class Bench:
         needed = np.abs(model.torque(*few)).max(axis=0)
         travel = np.abs(motion.states[0] - self.home).max(axis=0)
         return Plan(text, travel, np.minimum(1.3 * needed + 0.1 * model.effort, model.effort), motion.duration)
-
-
-def safeguards(velocity: float, error: float = ERROR) -> dict[str, Any]:
-    """Limits at which the controller stops, for a step that needs this velocity, rad/s, and error, rad."""
-    return {"limits.tracking_error": error, "limits.velocity": _ROOM * velocity}

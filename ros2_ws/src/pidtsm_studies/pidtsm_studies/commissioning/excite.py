@@ -15,6 +15,7 @@ from pidtsm_core.robots.payload import MASS
 from pidtsm_core.robots.tree.unit_forces import LINK
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_studies.commissioning.bench import Bench, Outcome, Plan
+from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import STEP, Motion
 
 DURATION = 40.0
@@ -22,6 +23,8 @@ DURATION = 40.0
 _ABOUT = {"coulomb": "Coulomb friction", "viscous": "viscous friction", "offset": "constant torque"}
 _LOOSE = 0.6
 """rad; tracking error at which the arm is stopped: a model that is still wrong, and joints that stick, follow badly."""
+_LIGHTEST = 0.33
+"""Share of the described inertia of a joint below which an identified one is not believed."""
 _REACH, _QUICK, _GENTLE = 1.0, 1.2, 4.0
 """rad, rad/s and rad/s^2: bounds of the motion."""
 
@@ -81,16 +84,36 @@ def run(bench: Bench) -> Outcome:
     left = (
         f"the identified model leaves {100.0 * float(np.median(share)):.0f} % of the error of the description's torques"
     )
+    kept = {"identify": samples}
+    if light := implausibly_light(bench, figures["parameters"]):
+        del figures["parameters"]
+        problem = f"{light}: what sticks hides inertias, and a controller that takes a joint for so light is dangerous"
+        return Outcome("the description stays", figures, [*found.warnings, problem], samples=kept)
     if np.median(share) >= 1.0:  # The description is as good as what was measured.
         del figures["parameters"]
-        return Outcome(f"the description stays: {left}", figures, found.warnings, samples={"identify": samples})
+        return Outcome(f"the description stays: {left}", figures, found.warnings, samples=kept)
     friction = {name: value for name, value in figures["parameters"].items() if name.startswith("compensation.")}
     parameters = {}
     for name, value in friction.items():
         of = name.partition(".")[2]
         half = ", ".join("?" if each is None else f"{each:.2g}" for each in figures["half_interval"][of])
         parameters[name] = (value, f"identified {_ABOUT[of]}, ± {half} (95 %; ?: the motion does not show it)")
-    return Outcome(left, figures, found.warnings, parameters, {"identify": samples})
+    return Outcome(left, figures, found.warnings, parameters, kept)
+
+
+def implausibly_light(bench: Bench, parameters: dict[str, Any]) -> str:
+    """Which joints an identified arm takes for much lighter than they are described, as text; empty: none.
+
+    Args:
+        bench: with the arm as it is described.
+        parameters: those of the controller that choose the identified arm.
+    """
+    described, identified = (np.diag(ArmModel({**bench.arm, **each}).inertia(bench.home)) for each in ({}, parameters))
+    share, joints = identified / described, bench.model(identified=False).joints
+    return ", ".join(
+        f"{joints[j]} is identified as {share[j]:.2g} times as heavy as described"
+        for j in np.flatnonzero(share < _LIGHTEST)
+    )
 
 
 def _parameters(found: Identification) -> dict[str, Any]:

@@ -144,3 +144,12 @@ def test_joints_that_lack_their_rotors_are_named_with_the_cure() -> None:
     assert replace(usual, arm=strong, found=shown).too_light() == "", "the first step has seen that they are so light"
     rotors = {**strong, "robot.armature": 5.0}
     assert replace(usual, arm=rotors).too_light() == ""
+
+
+def test_a_joint_that_slides_has_less_room_and_none_may_reach_its_limit() -> None:
+    """A tracking error of 0.3 m would be more than the whole way of the SCARA's third joint."""
+    tested = bench(_Arm(0.0, 2.0), [])
+    model = tested.model()
+    tested.home = np.array([model.upper[0] - 0.1, 0.0, model.upper[2] - 0.05, 0.0])
+    np.testing.assert_allclose(tested.safeguards(1.0)["limits.tracking_error"], [0.3, 0.3, 0.09, 0.3])
+    np.testing.assert_allclose(tested.reach(model, 0.5), [0.85 * 0.1, 0.5, 0.85 * 0.05, 0.5])
