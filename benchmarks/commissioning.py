@@ -250,6 +250,7 @@ def commissioned(seed: int, folder: Path) -> dict[str, Any]:
     result["seconds"] = time.process_time() - begin
     result["beyond"], result["way"] = max(source.beyond.values()), source.way[0]
     problems = [text for step in session.found.values() for text in step["problems"]]
+    problems += [result["failed"]] if "failed" in result else []
     result["problems"] = problems
     result |= _named(blind, robot.joints, problems)
     if "compare" not in session.found:

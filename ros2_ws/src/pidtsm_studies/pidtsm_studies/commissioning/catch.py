@@ -34,6 +34,8 @@ _LOADED = 0.01
 """Share of the effort limit from which on gravity matters to a joint."""
 _STOPS = 1.5
 """A catch with the right sign stops a joint within this multiple of its velocity by the pole."""
+_LOSSES = 0.005
+"""Share of lost joint states that needs mention."""
 _WATCHED, _CALMS = 1.0, 0.8
 """s in which the arm is watched without commands, and share of its scatter below which it is watched again."""
 
@@ -85,6 +87,7 @@ class Catch:
         self._since = np.zeros(joints, dtype=np.int64)  # rows at the catch of each joint
         self._torques: list[Array] = []  # of the catch, one for each row
         self.rows: list[tuple[float, Array, Array]] = []
+        self._lost = 0  # joint states that did not come
         self.farthest = np.zeros(joints)
 
     def invert(self, j: int, carried: bool) -> None:
@@ -183,6 +186,7 @@ class Catch:
         """
         measured = self.port.sense()
         while measured is None:
+            self._lost += 1
             self.port.act(None)
             measured = self.port.sense()
         dt = 1e-9 * (measured.stamp - self._stamp) if self._stamp >= 0 else self.port.period
@@ -202,7 +206,8 @@ class Catch:
             name, far = self.model.joints[away], float(np.abs(way[away]))
             raise AwayError(
                 f"{name} moves away although it should be held, by {far:.3g} (allowed: {FARTHEST:g}); commands have "
-                "ceased, so that the brakes close. Check the order of the joints, their units and the description",
+                "ceased, so that the brakes close. Check the order of the joints, their units and the description"
+                f"{self._losses()}",
                 away,
             )
         # Of a joint that sticks, the integral would grow until it leaps.
@@ -211,7 +216,10 @@ class Catch:
         self._sum += np.where(self.caught & self.moves, way * dt, 0.0)
         pole = self.stiff
         pull = 3.0 * pole**2 * way + pole**3 * self._sum + 3.0 * pole * self._rate
-        held = -self.inertia @ np.where(self.caught, pull, 0.0)
+        # What friction holds is not accelerated, and does not take the others with it.
+        pull = np.where(self.caught, pull, 0.0)
+        coupled = np.where(self.moves, pull, 0.0)
+        held = -self.inertia @ coupled - np.diag(self.inertia) * (pull - coupled)
         self._torques.append(held)
         torque = self.carried + held
         if extra is not None:
@@ -220,6 +228,11 @@ class Catch:
         self.port.act(self.sign * torque)
         self.rows.append((1e-9 * measured.stamp, q.copy(), torque))
         return way
+
+    def _losses(self) -> str:
+        """What to say of joint states that did not come, as the end of a text."""
+        share = self._lost / (self._lost + len(self.rows))
+        return f"; {100.0 * share:.1f} % of the joint states are lost" if share > _LOSSES else ""
 
 
 def _at_rest(port: Port) -> tuple[Array, Array]:

@@ -33,9 +33,8 @@ _LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
 _QUIET, _FAST, _BRAKING = 0.15, 0.2, 0.75
 """Time between nudges, s; a nudged joint that is faster, in rad/s or m/s, is slowed by this share of its nudge at most.
 """
-_SEVERAL, _ODD, _ODD_SHARE = 3, 2.0, 0.06
-"""Of so many nudged joints at least, one sticks that takes so many times the others' share of its limit, and so much.
-"""
+_ODD, _ODD_SHARE, _MUCH = 2.0, 0.06, 0.25
+"""A joint sticks that takes so many times the others' share of its limit to break away, and so much; or this much."""
 _MOST = 8
 """Inverted torques are sought among all combinations for arms of up to this many joints, else among single ones."""
 _RESISTED = (0.4, 0.7, 1.0)
@@ -43,7 +42,7 @@ _RESISTED = (0.4, 0.7, 1.0)
 _PREFERS = 2.0
 """How much better an explanation with inverted torques must fit than one with none."""
 _MOST_TRIES = 5
-"""How often the arm is released until a session gives up."""
+"""How often a joint may get away until a session gives up."""
 _POSTURES, _DIFFERS = 3, 0.03
 """How often another position may be taken for inverted, and share of the effort limit by which this must matter."""
 _SURELY = 0.1
@@ -94,10 +93,9 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
         CommissionError: nothing fits; commands have ceased.
     """
     ones = np.ones(len(model.joints))
-    tries, done, postures = [_Try(_possible(port, model, tell), ones, _STIFF)], list[_Try](), 0
+    tries, failed, postures = [_Try(_possible(port, model, tell), ones, _STIFF)], list[_Try](), 0
     while True:
         guess = tries.pop(0)
-        done.append(guess)
         catch = Catch(Wired(port, Wiring(guess.position, ones)), model, guess.stiff, guess.sign.copy(), tell)
         try:
             return _found(catch, guess.position, postures < _POSTURES)
@@ -105,8 +103,10 @@ def find_signs(port: Port, model: ArmModel, tell: Callable[[str], None]) -> tupl
             tries.insert(0, _Try(guess.position * error.position, error.sign, _STIFF))
             postures += 1
         except AwayError as error:
-            tries += [each for each in _other_tries(guess, catch, error.joint) if not each.is_among((*tries, *done))]
-            if not tries or len(done) == _MOST_TRIES:
+            failed.append(guess)
+            others = _other_tries(guess, catch, error.joint)
+            tries += [each for each in others if not each.is_among((*tries, *failed))]
+            if not tries or len(failed) == _MOST_TRIES:
                 raise
             tell(f"{error}; once more, with what seems to be inverted")
 
@@ -328,14 +328,18 @@ def _loosened(catch: Catch, j: int) -> float:
 
 
 def _sticking(catch: Catch, breakaway: Array) -> list[str]:
-    """Sentences about nudged joints that take much more of their limit than the others to break away."""
-    share = breakaway / catch.model.effort
-    usual = float(np.nanmedian(share)) if np.count_nonzero(np.isfinite(share)) >= _SEVERAL else np.inf
-    return [
-        f"{catch.model.joints[j]} needs {breakaway[j]:.3g} to break away, {share[j] / usual:.1f} times as much of its "
-        "limit as the others: expect it to stick"
-        for j in np.flatnonzero(share > max(_ODD_SHARE, _ODD * usual))
-    ]
+    """Sentences about nudged joints that take much of their limit to break away, or much more than the others."""
+    share, problems = breakaway / catch.model.effort, []
+    for j in np.flatnonzero(share > _ODD_SHARE):
+        others = np.delete(share, j)
+        others = others[np.isfinite(others)]
+        usual = float(np.median(others)) if others.size else np.inf
+        if share[j] > min(_ODD * usual, _MUCH):
+            against = f", {share[j] / usual:.1f} times as much of its limit as the others" if others.size else ""
+            problems.append(
+                f"{catch.model.joints[j]} needs {breakaway[j]:.3g} to break away{against}: expect it to stick"
+            )
+    return problems
 
 
 def _held(catch: Catch) -> Array:
