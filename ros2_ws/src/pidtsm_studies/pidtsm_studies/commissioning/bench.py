@@ -44,8 +44,8 @@ ARMATURE, _HEAVIER = "robot.armature", 1.4
 """Parameter of the rotors, and ratio of shown and described inertia from which on they are taken for not described."""
 _QUICKEST = 2000.0
 """rad/s^2; the torque limit of a joint that turns accelerates it by less, because motors have rotors."""
-_BARE = 300.0
-"""rad/s^2, by which the torque limit accelerates a rotor that is assumed; gears have 100 to 500."""
+_BARE = 150.0
+"""rad/s^2, by which the torque limit accelerates a rotor that is assumed; geared arms have 100 to 500."""
 _BANDWIDTH = "estimator.bandwidth"
 _SURE = 0.0005
 """s; the delay that a whole motion shows counts if its standard deviation is smaller."""
@@ -309,7 +309,9 @@ class Bench:
     def safeguards(self, velocity: float, error: float = ERROR) -> dict[str, Any]:
         """Limits at which the controller stops, for a step that needs this velocity, rad/s, and error, rad."""
         errors = np.where(self.model().slides, _SLIDING * error, error)
-        return {"limits.tracking_error": errors.tolist(), "limits.velocity": _ROOM * velocity}
+        limits = {"limits.tracking_error": errors.tolist(), "limits.velocity": _ROOM * velocity}
+        # As long as the model is in doubt, what is measured is not: a stop must see the arm.
+        return {**limits, "plausibility.velocity": 0.0}
 
     @property
     def compensation(self) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def run(bench: Bench) -> Outcome:
     fast = float(np.abs(motion.states[1]).max())
     bandwidth = np.array(bench.found["gains"]["bandwidth"])
     new = bench.controller(bandwidth, max(fast, 1.0))
-    guards = {name: value for name, value in new.items() if name in ("limits.tracking_error", "limits.velocity")}
+    guards = bench.safeguards(max(fast, 1.0))
     sets = {OLD: {**bench.before, **guards}, NEW: new}
     error: dict[str, list[Array]] = {name: [] for name in sets}
     rough: dict[str, list[Array]] = {name: [] for name in sets}

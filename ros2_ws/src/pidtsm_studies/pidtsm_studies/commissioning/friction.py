@@ -1,5 +1,7 @@
 """Step 4: friction of each joint, from slow sweeps in both directions."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -62,6 +64,7 @@ def run(bench: Bench) -> Outcome:
     problems = [
         f"{model.joints[j]} needs {breakaway[j]:.3g} to break away and {slides[j]:.3g} to slide: expect it to stick"
         for j in sticking(breakaway / model.effort, slides / model.effort)
+        if not moved_easily(bench.found.get("signs", {}).get("breakaway", []), model.effort, j)
     ]
     breakaway[np.isnan(breakaway)] = 0.0
     figures = {
@@ -113,6 +116,20 @@ def sticking(breakaway: Array, slides: Array) -> list[int]:
         if breakaway[j] > max(_OF_OTHERS * usual, times * slides[j]):
             found.append(int(j))
     return found
+
+
+def moved_easily(nudged: Sequence[float | None], effort: Array, j: int) -> bool:
+    """Whether a nudge of the first step moved a joint as easily as others: then it does not stick, but follows badly.
+
+    Args:
+        nudged: torque at which each joint moved, N m or N, shape (joints,) or (0,); None: not known.
+        effort: limits, shape (joints,), N m or N.
+        j: index of the joint.
+    """
+    if not nudged or nudged[j] is None or all(each is None for k, each in enumerate(nudged) if k != j):
+        return False
+    share = np.array([np.nan if each is None else each for each in nudged]) / effort
+    return bool(share[j] < _OF_OTHERS * np.nanmedian(np.delete(share, j)))
 
 
 def _breakaway(rest: Array, swept: Samples, j: int, place: Array, sliding: NDArray[np.bool_], rate: float) -> float:

@@ -103,7 +103,7 @@ def test_rotors_are_assumed_where_nothing_follows_without(without_rotors: ArmDef
     tested.found = {"signs": {"inertia": [described[0], None, None, None]}}
     tested.follow(MOTION)
     limit = tested.model().effort
-    np.testing.assert_allclose(tested.rotors, [0.0, limit[1] / 300.0, 0.0, limit[3] / 300.0])
+    np.testing.assert_allclose(tested.rotors, [0.0, limit[1] / 150.0, 0.0, limit[3] / 150.0])
     assert "rotors assumed" in told[-1]
     count = len(arm.tried)
     tested.follow(MOTION)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pidtsm_studies.commissioning.friction import sticking
+from pidtsm_studies.commissioning.friction import moved_easily, sticking
 
 
 @pytest.mark.parametrize(
@@ -22,3 +22,19 @@ def test_a_joint_sticks_that_takes_more_than_the_others_and_than_to_slide(
     breakaway: list[float], slides: list[float], sticks: list[int]
 ) -> None:
     assert sticking(np.array(breakaway), np.array(slides)) == sticks
+
+
+@pytest.mark.parametrize(
+    ("nudged", "easily"),
+    [
+        ([12.0, 5.0, 6.0], True),
+        ([30.0, 5.0, 6.0], False),
+        ([None, 5.0, 6.0], False),
+        ([12.0, None, None], False),  # There is nothing to compare it with.
+        ([], False),
+    ],
+)
+def test_a_joint_that_a_nudge_moved_as_easily_as_the_others_only_follows_badly(
+    nudged: list[float | None], easily: bool
+) -> None:
+    assert moved_easily(nudged, np.array([100.0, 50.0, 50.0]), 0) == easily
