@@ -145,7 +145,7 @@ class Bench:
         try:
             return self._follow(motion, velocity, error, again)
         except StoppedError as reason:
-            if self.assumes_rotors or not self._lack_rotors.any():
+            if self.assumes_rotors or self._is_identified or not self._lack_rotors.any():
                 raise
             self.tell(f"{reason}; once more with rotors assumed that the description lacks")
             self.assumes_rotors = True
@@ -168,6 +168,11 @@ class Bench:
         """Parameters of the controller that choose the arm as far as it is identified."""
         found = self.found.get("identify", {}).get("parameters", {})
         return {**self.arm, **found} if found else {**self.arm, **self._rotors()}
+
+    @property
+    def _is_identified(self) -> bool:
+        """Whether the bodies of the arm are identified, and not as described."""
+        return "parameters" in self.found.get("identify", {})
 
     @property
     def rotors(self) -> Array:
@@ -198,7 +203,7 @@ class Bench:
 
     def rotors_by_reason(self) -> dict[str, tuple[Any, str]]:
         """The parameter for rotors that neither a step has measured nor the identified arm has, with its reason."""
-        if self.swung is not None or "parameters" in self.found.get("identify", {}):
+        if self.swung is not None or self._is_identified:
             return {}
         assumed = ", the others assumed: no controller followed without" if self.assumes_rotors else ""
         reason = f"rotors as the joints showed them in the first step{assumed}"
@@ -217,7 +222,7 @@ class Bench:
         model = ArmModel(self.arm)
         shown = self.found.get("signs", {}).get("inertia", [None] * len(model.joints))
         unknown = np.array([each is None for each in shown]) & (rotors(self.arm) == 0.0) & ~model.slides
-        return np.asarray(unknown & self.takes_rotors & (self.swung is None) & ("identify" not in self.found))
+        return np.asarray(unknown & self.takes_rotors & (self.swung is None))
 
     def too_light(self) -> str:
         """Why no controller may move the arm: joints that lack the rotors of their motors; empty: it may."""

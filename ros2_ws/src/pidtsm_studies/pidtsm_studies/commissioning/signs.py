@@ -335,7 +335,8 @@ def _sticking(catch: Catch, breakaway: Array) -> list[str]:
         others = others[np.isfinite(others)]
         usual = float(np.median(others)) if others.size else np.inf
         if share[j] > min(_ODD * usual, _MUCH):
-            against = f", {share[j] / usual:.1f} times as much of its limit as the others" if others.size else ""
+            known = 0.0 < usual < np.inf
+            against = f", {share[j] / usual:.1f} times as much of its limit as the others" if known else ""
             problems.append(
                 f"{catch.model.joints[j]} needs {breakaway[j]:.3g} to break away{against}: expect it to stick"
             )
