@@ -188,7 +188,7 @@ class Session:
             "The arm is released and carried by the torque of its model; each joint that does not move by itself gets "
             "a nudge. If a joint goes farther than allowed, commands cease, and it is tried again. Something must "
             "carry the arm until the first command and after the last: brakes, gears or a support; until they hold, a "
-            "joint can go on: a light one that stuck has moved by 0.74 rad where brakes close after 0.05 s"
+            "joint can go on: some have moved by 1 rad where brakes close after 0.05 s"
         )
         joints = len(model.joints)
         if not ask(_FIRST, Plan(text, np.full(joints, FARTHEST), 0.8 * model.effort, 2.0 + 1.5 * joints)):

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pidtsm_core.arrays import Array
-from pidtsm_studies.commissioning.arm import CommissionError, Port, Wired, Wiring
+from pidtsm_studies.commissioning.arm import Port, Wired, Wiring
 from pidtsm_studies.commissioning.catch import AwayError, Catch
 from pidtsm_studies.commissioning.mirrored import is_mirrored
 from pidtsm_studies.commissioning.model import ArmModel
-from pidtsm_studies.commissioning.nudge import NUDGE, NUDGE_TIME, brake, loosen, speed_of
+from pidtsm_studies.commissioning.nudge import loosen, nudge, slow, sticking
 from pidtsm_studies.commissioning.weigh import inertias, is_quick
 
 _FREE = 0.25
@@ -30,11 +30,6 @@ _MASSES = (0.7, 0.85, 1.0, 1.2, 1.4)
 """Ratios of true and described gravity that are thought possible here."""
 _LATE = (0.0, 0.004, 0.008, 0.014, 0.02)
 """Delays that are thought possible, s."""
-_QUIET, _FAST, _BRAKING = 0.15, 0.2, 0.75
-"""Time between nudges, s; a nudged joint that is faster, in rad/s or m/s, is slowed by this share of its nudge at most.
-"""
-_ODD, _ODD_SHARE, _MUCH = 2.0, 0.06, 0.25
-"""A joint sticks that takes so many times the others' share of its limit to break away, and so much; or this much."""
 _MOST = 8
 """Inverted torques are sought among all combinations for arms of up to this many joints, else among single ones."""
 _RESISTED = (0.4, 0.7, 1.0)
@@ -181,21 +176,18 @@ def _found(catch: Catch, of_position: Array, may_turn: bool) -> tuple[Signs, Cal
     Raises:
         _OtherPostureError: they are.
     """
-    joints = catch.start.size
-    _release(catch, may_turn)
-    breakaway, problems = np.full(joints, np.nan), []
-    for j in range(joints):
-        for _ in range(max(1, round(_QUIET / catch.port.period))):
-            catch.step()
-        if not catch.caught[j]:
-            breakaway[j], problem = _nudge(catch, j)
-            problems += [problem] if problem else []
-    catch.judges = False  # What is shaken shall not be judged by that.
-    problems += _sticking(catch, breakaway)
-    loose = np.array([_loosened(catch, j) if np.isnan(each) else each for j, each in enumerate(breakaway)])
-    inertia = inertias(catch, loose)
-    hold = _held(catch)
-    wiring = _which(catch, hold)
+    breakaway = np.full(catch.start.size, np.nan)
+    try:
+        _release(catch, may_turn)
+        problems = nudge(catch, breakaway)
+        catch.judges = False  # What is shaken shall not be judged by that.
+        problems += sticking(catch, breakaway)
+        loose = np.array([_loosened(catch, j) if np.isnan(each) else each for j, each in enumerate(breakaway)])
+        inertia = inertias(catch, loose)
+        hold = _held(catch)
+        wiring = _which(catch, hold)
+    except AwayError as error:  # What sticks leaps.
+        raise AwayError("; ".join([str(error), *sticking(catch, breakaway)]), error.joint) from None
     wiring = Wiring(of_position * wiring.position, wiring.effort)
     time, position, effort = (np.array(each) for each in zip(*catch.rows, strict=True))
     known_by = tuple("release" if np.isnan(each) else "nudge" for each in breakaway)
@@ -278,37 +270,6 @@ def _misfit(catch: Catch, ways: Array, time: Array, mobility: Array, signs: Arra
     return least
 
 
-def _nudge(catch: Catch, j: int) -> tuple[float, str]:
-    """Push one joint until it moves; returns the torque at that moment, and a problem or an empty text.
-
-    Raises:
-        CommissionError: it does not move.
-    """
-    name = catch.model.joints[j]
-    torque, moved = loosen(catch, j, 1.0)
-    if moved is None:
-        raise CommissionError(
-            f"{name} does not move with {torque:.3g} beside what carries it: is its drive on, its brake open, and "
-            "does anything block it?"
-        )
-    if moved[j] < 0.0:
-        catch.tell(f"the sign of {name} is inverted (it moved against its nudge)")
-        catch.invert(j, carried=True)
-    catch.sure[j] = True
-    if abs(speed_of(catch, j)) > _FAST:
-        brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
-    # The way to where it shows takes torque, too, which grows steadily: way = slope t^3 / (6 inertia).
-    slope, inertia = NUDGE * catch.model.effort[j] / NUDGE_TIME, float(catch.inertia[j, j])
-    breakaway = max(torque - (6.0 * inertia * slope**2 * float(catch.visible[j])) ** (1.0 / 3.0), 0.0)
-    others = np.abs(moved / catch.visible)
-    others[j] = 0.0
-    catch.catch(j)
-    if others.max() <= 3.0:
-        return breakaway, ""
-    other = catch.model.joints[int(others.argmax())]
-    return breakaway, f"a nudge of {name} moves {other} more: is the order of the joints right?"
-
-
 def _loosened(catch: Catch, j: int) -> float:
     """Torque at which a caught joint moves that friction holds now, and that taps shall weigh; else nan."""
     if catch.moves[j] or not is_quick(catch, j):
@@ -321,26 +282,9 @@ def _loosened(catch: Catch, j: int) -> float:
         catch.tell(f"the sign of {catch.model.joints[j]} is inverted (it moved against its nudge)")
         catch.invert(j, carried=not catch.fell[j])
     catch.sure[j] = True
-    if abs(speed_of(catch, j)) > _FAST:
-        brake(catch, j, torque, float(moved[j]), _BRAKING * torque)
+    slow(catch, j, torque, float(moved[j]))
     catch.catch(j)
     return torque
-
-
-def _sticking(catch: Catch, breakaway: Array) -> list[str]:
-    """Sentences about nudged joints that take much of their limit to break away, or much more than the others."""
-    share, problems = breakaway / catch.model.effort, []
-    for j in np.flatnonzero(share > _ODD_SHARE):
-        others = np.delete(share, j)
-        others = others[np.isfinite(others)]
-        usual = float(np.median(others)) if others.size else np.inf
-        if share[j] > min(_ODD * usual, _MUCH):
-            known = 0.0 < usual < np.inf
-            against = f", {share[j] / usual:.1f} times as much of its limit as the others" if known else ""
-            problems.append(
-                f"{catch.model.joints[j]} needs {breakaway[j]:.3g} to break away{against}: expect it to stick"
-            )
-    return problems
 
 
 def _held(catch: Catch) -> Array:

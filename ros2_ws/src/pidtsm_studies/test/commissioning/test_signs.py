@@ -80,6 +80,16 @@ def test_a_joint_that_sticks_is_caught_once_it_breaks_away() -> None:
     assert np.all(signs.moved < FARTHEST)
 
 
+def test_a_joint_that_leaps_away_is_named_as_one_that_sticks() -> None:
+    """Its drive is too late to catch it."""
+    arm = ArmDefinition("scara").settings()
+    sticky = {"friction.static": [0.5, 19.5, 0.5, 0.5], "friction.bristle_stiffness": 2e4}
+    late = {"rate": 500, "encoder.bits": 16, "delay.samples": 6, "dropout.probability": 0.02}
+    settings = {**arm, **late, **sticky, "friction.coulomb": 0.5, "friction.stribeck_velocity": 0.02}
+    with pytest.raises(CommissionError, match=r"joint2 moves away .*joint states are lost; joint2 needs .* to stick"):
+        SimulatedArm(settings).signs(arm, lambda _: None)
+
+
 _LINK = (
     '<link name="{name}"><inertial><origin xyz="{x} 0 0"/><mass value="{mass}"/>'
     '<inertia ixx="{inertia}" iyy="{inertia}" izz="{inertia}" ixy="0" ixz="0" iyz="0"/></inertial></link>'
