@@ -49,6 +49,7 @@ def test_a_session_finds_what_is_wrong_and_leaves_parameters_that_work(
     settings = make_experiment(None, params=str(out / "commission.yaml")).settings["controller"]
     assert settings["robot.description"] == str(out / "commissioned.urdf")
     assert settings["estimator.bandwidth"] == pytest.approx(found["gains"]["bandwidth"], rel=0.05)
+    assert "plausibility.velocity" not in settings, "once the model is known, a broken encoder must show again"
     assert "Gravity" in (out / "report.html").read_text()
     measured, source = read_measurement(out / "bags" / "identify")
     assert measured.joints == ("joint1", "joint2")

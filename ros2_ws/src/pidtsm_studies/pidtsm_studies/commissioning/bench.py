@@ -312,11 +312,13 @@ class Bench:
         return {**self.identified, **gains, **self.compensation, **self.safeguards(velocity, error)}
 
     def safeguards(self, velocity: float, error: float = ERROR) -> dict[str, Any]:
-        """Limits at which the controller stops, for a step that needs this velocity, rad/s, and error, rad."""
+        """Limits for a step, see `limits`; as long as the model is in doubt, measurements are not: stops must see."""
+        return {**self.limits(velocity, error), "plausibility.velocity": 0.0}
+
+    def limits(self, velocity: float, error: float = ERROR) -> dict[str, Any]:
+        """Limits at which the controller stops, for a motion that needs this velocity, rad/s, and error, rad."""
         errors = np.where(self.model().slides, _SLIDING * error, error)
-        limits = {"limits.tracking_error": errors.tolist(), "limits.velocity": _ROOM * velocity}
-        # As long as the model is in doubt, what is measured is not: a stop must see the arm.
-        return {**limits, "plausibility.velocity": 0.0}
+        return {"limits.tracking_error": errors.tolist(), "limits.velocity": _ROOM * velocity}
 
     @property
     def compensation(self) -> dict[str, Any]:

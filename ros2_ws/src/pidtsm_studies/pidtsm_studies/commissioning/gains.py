@@ -92,7 +92,7 @@ def run(bench: Bench) -> Outcome:
         gain.name: (gain.value, f"{gain.reason}; {why}" if gain.name == "estimator.bandwidth" else gain.reason)
         for gain in gains
     }
-    parameters |= {name: (value, "the arm stops there") for name, value in bench.safeguards(1.0).items()}
+    parameters |= {name: (value, "the arm stops there") for name, value in bench.limits(1.0).items()}
     parameters |= bench.rotors_by_reason()
     figures = {"levels": levels, "chosen": chosen, "stopped": stopped, "bandwidth": (chosen * rule).tolist()}
     verdict = f"observers with {min(chosen * rule):.0f} to {max(chosen * rule):.0f} rad/s ({why})"
