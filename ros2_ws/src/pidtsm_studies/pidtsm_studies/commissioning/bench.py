@@ -45,7 +45,7 @@ ARMATURE, _HEAVIER = "robot.armature", 1.4
 _QUICKEST = 2000.0
 """rad/s^2; the torque limit of a joint that turns accelerates it by less, because motors have rotors."""
 _BARE = 150.0
-"""rad/s^2, by which the torque limit accelerates a rotor that is assumed; geared arms have 100 to 500."""
+"""rad/s^2, by which the torque limit accelerates a rotor that is assumed; hardware of the class geared has 200."""
 _BANDWIDTH = "estimator.bandwidth"
 _SURE = 0.0005
 """s; the delay that a whole motion shows counts if its standard deviation is smaller."""
@@ -205,8 +205,9 @@ class Bench:
         """The parameter for rotors that neither a step has measured nor the identified arm has, with its reason."""
         if self.swung is not None or self._is_identified:
             return {}
-        assumed = ", the others assumed: no controller followed without" if self.assumes_rotors else ""
-        reason = f"rotors as the joints showed them in the first step{assumed}"
+        shown = ["shown by joints in the first step"] if self._shown_rotors.any() else []
+        assumed = ["assumed, because no controller followed without"] if self.assumes_rotors else []
+        reason = f"rotors {' or '.join([*shown, *assumed])}"
         return {name: (value, reason) for name, value in self._rotors().items()}
 
     @property

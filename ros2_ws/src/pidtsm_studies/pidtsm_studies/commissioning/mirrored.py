@@ -11,7 +11,7 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_studies.commissioning.catch import FARTHEST, Catch
-from pidtsm_studies.commissioning.weigh import first_push, hardest_push, shake, sliding
+from pidtsm_studies.commissioning.weigh import SHORTEST, first_push, hardest_push, shake, sliding
 
 _CLEAR, _WIDE = 1.5, 0.3
 """Way of joints that tells something, as a multiple of what is visible; and share of `FARTHEST` from which on a joint
@@ -51,6 +51,8 @@ def is_mirrored(catch: Catch, j: int, turned: Array) -> bool | None:
         for pattern in patterns:
             shaken.append(shake(catch, push * pattern))
             shake(catch, np.zeros_like(pattern))
+        if min(len(positions) for positions, _ in shaken) < SHORTEST:
+            return None
         ways = np.max([np.ptp(positions, axis=0) for positions, _ in shaken], axis=0)
         if np.all(ways[j] > _CLEAR * catch.visible[j]) and np.any((ways > _CLEAR * catch.visible) & (changed != 0.0)):
             share, left = _share(shaken, j, catch.port.period, same, changed)

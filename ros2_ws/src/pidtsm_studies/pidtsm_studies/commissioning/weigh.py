@@ -21,6 +21,8 @@ _EXPLAINED, _STICKY, _STANDS, _WIDE = 0.1, 0.8, 0.2, 0.3
 joint may stand: a joint that sticks more is shaken more, unless it goes as far as this share of `FARTHEST`."""
 _ENOUGH = 0.5
 """Share of `FARTHEST` that a joint may go until shaking ends at once."""
+SHORTEST = 10
+"""Samples of shaking that tell something."""
 _SMOOTH, _STILL = 5, 0.1
 """Samples over which a velocity is taken, and share of the largest one below which a joint stands."""
 _QUICK = 300.0
@@ -92,6 +94,8 @@ def _weighed(catch: Catch, j: int) -> float:
     while True:
         push = min(push, bound)
         positions, torques = shake(catch, push * pattern)
+        if len(positions) < SHORTEST:
+            return np.nan
         q, torque = positions[:, j], torques[:, j] - catch.carried[j]
         wide = float(np.ptp(q))
         mobility, friction, left = _mobility(q, torque, (positions - positions[0]) @ coupled, dt)

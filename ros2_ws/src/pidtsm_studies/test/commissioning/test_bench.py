@@ -110,7 +110,7 @@ def test_rotors_are_assumed_where_nothing_follows_without(without_rotors: ArmDef
     assert len(arm.tried) == count + 1, "the next step begins with them"
     value, reason = tested.rotors_by_reason()["robot.armature"]
     assert value == tested.rotors.tolist()
-    assert "the others assumed" in reason
+    assert reason == "rotors assumed, because no controller followed without"
 
 
 @pytest.mark.parametrize("known", [{"springs": {"rotor": [0.1, 0.1, 0.0, 0.1]}}, {"identify": {"parameters": {}}}])

@@ -173,9 +173,8 @@ PLANAR = (
 class _InMujoco:
     """An arm in MuJoCo, with brakes that hold it whenever no torque comes."""
 
-    period = 0.002
-
-    def __init__(self, text: str, start: list[float], friction: float, wiring: Wiring) -> None:
+    def __init__(self, text: str, start: list[float], period: float, friction: float, wiring: Wiring) -> None:
+        self.period = period
         self.model = mujoco.MjModel.from_xml_string(text)
         self.model.opt.timestep = 0.25 * self.period
         self.model.dof_frictionloss[:] = friction
@@ -196,11 +195,11 @@ class _InMujoco:
         mujoco.mj_step(self.model, self.data, nstep=4)
 
 
-@pytest.mark.parametrize("friction", [0.1, 0.8])
+@pytest.mark.parametrize(("period", "friction"), [(0.001, 0.1), (0.004, 0.8)])
 @pytest.mark.parametrize("of_position", [True, False], ids=["position", "torque"])
 @pytest.mark.parametrize("joint", [0, 1])
 def test_couplings_tell_an_inverted_position_from_an_inverted_torque(
-    tmp_path: Path, joint: int, of_position: bool, friction: float
+    tmp_path: Path, joint: int, of_position: bool, period: float, friction: float
 ) -> None:
     file = tmp_path / "planar.urdf"
     file.write_text(PLANAR, encoding="utf-8")
@@ -208,7 +207,7 @@ def test_couplings_tell_an_inverted_position_from_an_inverted_torque(
     (wiring.position if of_position else wiring.effort)[joint] = -1.0
     told = list[str]()
     model = ArmModel(ArmDefinition(str(file)).settings())
-    signs, _ = find_signs(_InMujoco(PLANAR, [0.4, 0.7], friction, wiring), model, told.append)
+    signs, _ = find_signs(_InMujoco(PLANAR, [0.4, 0.7], period, friction, wiring), model, told.append)
     assert signs.wiring.position.tolist() == wiring.position.tolist()
     assert signs.wiring.effort.tolist() == wiring.effort.tolist()
     assert f"it is the {'position' if of_position else 'torque'} that" in told[-1]
