@@ -251,7 +251,7 @@ class _Decoder:
         end = self._decoded + len(self._block)
         columns = self._columns.view(self._decoded, end)
         columns.stamps[:] = stamps_of(self._block)
-        if self._topic.fields:
+        if self._topic.fields or self._topic.codes:
             self._decode_numbers(columns)
         self._block, self._decoded = [], end
 

@@ -157,6 +157,6 @@ def _status(
         return None, ""
     rows = np.maximum(np.searchsorted(columns.stamps, stamps, side="right") - 1, 0)
     codes = columns.codes[rows]
-    fault = int(codes[:, Status.FAULT].max(initial=0))
-    stopped = Fault(fault).name.lower().replace("_", " ") if fault else ""
+    faults = codes[codes[:, Status.FAULT] > 0, Status.FAULT]
+    stopped = Fault(int(faults[0])).name.lower().replace("_", " ") if faults.size else ""
     return codes[:, Status.MODE] == Mode.FOLLOWING, stopped
