@@ -14,7 +14,7 @@ from pidtsm_core.identification.regressor import REVERSAL, coulomb_column
 _LONGEST_GAP = 0.02
 """s; longer gaps between samples, of more than three periods, separate a recording into pieces."""
 _SHORTEST_PIECE = 2.0
-"""s; shorter pieces are not used."""
+"""s; by default, shorter pieces are not used."""
 _ORDER = 4
 """Of the Butterworth low-pass, which runs forwards and backwards."""
 SETTLING = 1.5
@@ -48,6 +48,7 @@ class Measurement:
             delivers, shape (joints,), N m or N; infinite: there is none.
         slowest: slower samples are not used, because their friction does not follow from the velocity, see
             `reversals`, rad/s or m/s: one for all joints, or shape (joints,).
+        shortest: shorter pieces without gaps are not used, s.
     """
 
     joints: tuple[str, ...]
@@ -56,6 +57,7 @@ class Measurement:
     effort: Array
     limit: Array
     slowest: Array | float = FAST
+    shortest: float = _SHORTEST_PIECE
 
     @property
     def period(self) -> float:
@@ -94,7 +96,7 @@ class Measurement:
         ends = np.flatnonzero(np.diff(self.time) > max(_LONGEST_GAP, 3.0 * period)) + 1
         for rows in np.split(np.arange(self.time.size), ends):
             time = self.time[rows]
-            if time[-1] - time[0] >= _SHORTEST_PIECE:
+            if time[-1] - time[0] >= self.shortest:
                 even = np.arange(time[0], time[-1], period)
                 yield even, _onto(even, time, self.position[rows]), _onto(even, time, self.effort[rows])
 

@@ -19,10 +19,14 @@ from pidtsm_studies.diagnosis.detectors.saturated import saturation
 from pidtsm_studies.diagnosis.detectors.sticking import stick_slip
 from pidtsm_studies.diagnosis.loop import Loop
 from pidtsm_studies.diagnosis.observed import Observed
-from pidtsm_studies.diagnosis.verdict import State, Verdict
+from pidtsm_studies.diagnosis.verdict import State, Verdict, too_short, unknown
 
 SHORTEST = 3.0
 """s of a recording that can be judged."""
+_SHOWN_BY_FOLLOWING = (Cause.NOISY_ENCODER, Cause.SATURATION, Cause.RINGING, Cause.STICK_SLIP)
+"""What a loop shows that follows for some time; a stop is too violent."""
+_VIOLENT = 0.3
+"""rad/s or m/s of a loop that rings so much that no friction holds it."""
 _ANOTHER_ARM = {Cause.WRONG_SIGN, Cause.WRONG_ORDER, Cause.OTHER_ARM}
 _CONSEQUENCES = (
     (_ANOTHER_ARM, {Cause.RINGING, Cause.STICK_SLIP, Cause.SATURATION}),
@@ -88,16 +92,15 @@ def diagnose(observed: Observed, arm: Description | None = None, robot: str = "R
         # A joint that stands still has no spectrum.
         warnings.simplefilter("ignore", RuntimeWarning)
         jitter, late = command_jitter(loop), late_drive(loop)
-        verdicts = [
-            lost_samples(loop),
-            noisy_encoder(loop),
-            jitter,
-            saturation(loop, limit, late.value if late.found else 0.0),
-            late,
-            ringing(loop),
-            stick_slip(loop),
-            *model_verdicts(loop, arm, robot, jitter.found),
-        ]
+        if loop.follows:
+            saturated = saturation(Loop(observed, before_stop=0.0), limit, late.value if late.found else 0.0)
+            rings = ringing(loop)
+            violently = rings.found and rings.value > _VIOLENT
+            shown = [noisy_encoder(loop), saturated, rings, stick_slip(loop, saturated.found, violently)]
+        else:
+            shown = [unknown(cause, too_short(loop)) for cause in _SHOWN_BY_FOLLOWING]
+        disturbed = jitter.found or any(each.found for each in shown if each.cause is Cause.RINGING)
+        verdicts = [lost_samples(loop), jitter, late, *shown, *model_verdicts(loop, arm, robot, disturbed)]
     ordered = sorted(_without_consequences(verdicts), key=lambda each: (not each.found, each.state is State.FINE))
     return Diagnosis(tuple(ordered), loop.duration, loop.rate, observed.joints, observed.stopped)
 

@@ -19,8 +19,10 @@ _SPECTRUM, _PIECES = 4.0, 4
 """s of the pieces whose spectra are averaged, and into how many a recording is cut at least: one is coherent."""
 _SMOOTH = 10.0
 """Hz, bandwidth of `Loop.velocity`."""
-_STOPPING = 0.5
-"""s before a stop that are left out."""
+_TELLS = 4.0
+"""s that a loop must have followed before it was stopped, for more than the stop to be judged."""
+_BEFORE, _AFTER = 3.0, 1.0
+"""s of `Loop.around_stop` before and after it."""
 _SETTLED = 1.0
 """s at the start that are left out: gains and observers settle."""
 
@@ -55,10 +57,14 @@ class Loop:
         command, reference: likewise; None: not recorded.
     """
 
-    def __init__(self, observed: Observed) -> None:
-        """Raises ValueError if the recording is shorter than two samples."""
+    def __init__(self, observed: Observed, before_stop: float = 0.5) -> None:
+        """Leave out `before_stop` s before a stop.
+
+        Raises:
+            ValueError: the recording is shorter than two samples.
+        """
         self.observed, self.joints, self.period = observed, observed.joints, observed.period
-        rows = self._rows()
+        rows = self._rows(before_stop)
         known = observed.time[rows]
         self.time = np.arange(known[0], known[-1], self.period)
         self.position = self._even(known, observed.position[rows])
@@ -66,7 +72,7 @@ class Loop:
         self.command = None if observed.command is None else self._even(known, observed.command[rows])
         self.reference = None if observed.reference is None else self._even(known, observed.reference[rows])
 
-    def _rows(self) -> Samples:
+    def _rows(self, before_stop: float) -> Samples:
         """Samples that are used: those in which the loop follows, after it has settled."""
         observed = self.observed
         rows: Samples = np.asarray(np.isfinite(observed.position).all(axis=1))
@@ -74,7 +80,7 @@ class Loop:
             rows = self._long_enough(rows & observed.following, rows)
         if observed.stopped and rows.any():
             # What happens at a stop is a consequence.
-            rows = self._long_enough(rows & (observed.time < observed.time[rows][-1] - _STOPPING), rows)
+            rows = self._long_enough(rows & (observed.time < observed.time[rows][-1] - before_stop), rows)
         return self._long_enough(rows & (observed.time >= observed.time[np.argmax(rows)] + _SETTLED), rows)
 
     def _long_enough(self, rows: Samples, otherwise: Samples) -> Samples:
@@ -88,6 +94,33 @@ class Loop:
             finite = np.isfinite(column)
             columns.append(np.interp(self.time, known[finite], column[finite]) if finite.any() else 0.0 * self.time)
         return np.stack(columns, axis=1)
+
+    @property
+    def followed(self) -> float:
+        """How long the loop has followed its reference, s; infinite if it does not say."""
+        following = self.observed.following
+        return np.inf if following is None else float(np.count_nonzero(following) * self.period)
+
+    @property
+    def follows(self) -> bool:
+        """Whether the loop has followed for long enough to be judged by how."""
+        return not self.observed.stopped or self.followed >= _TELLS
+
+    def around_stop(self) -> "Loop | None":
+        """The last seconds before the controller stopped, and the first after it; None: it has not."""
+        following = self.observed.following
+        if not self.observed.stopped or following is None or not following.any():
+            return None
+        stop = self.observed.time[np.flatnonzero(following)[-1]]
+        return self._between(stop - _BEFORE, stop + _AFTER)
+
+    def last(self, seconds: float) -> "Loop | None":
+        """The last seconds; None: there is nothing."""
+        return self._between(float(self.time[-1]) - seconds, float(self.time[-1]))
+
+    def _between(self, begin: float, end: float) -> "Loop | None":
+        part = self.observed.between(begin, end)
+        return Loop(part) if part.time.size > 1 else None
 
     @property
     def rate(self) -> float:

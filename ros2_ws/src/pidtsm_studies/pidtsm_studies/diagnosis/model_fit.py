@@ -28,6 +28,8 @@ from pidtsm_studies.diagnosis.loop import Loop
 
 _CUTOFF, _CUTOFF_OF_SHORT, _SHORT = 3.0, 24.0, 8.0
 """Hz, bandwidth of the low-pass; that for shorter recordings, times seconds; and seconds of these."""
+_SHORTEST_STOP = 0.1
+"""s of a recording of a stop."""
 _FEWEST = 12
 """Usable samples of a joint that counts."""
 _SLOW = 0.02
@@ -42,6 +44,9 @@ _PAYLOAD = np.array([10.0, 0.3, 0.3, 0.3])
 """kg and kg m: standard deviations of mass and first moments of what an arm may carry."""
 _NOISE = 0.02
 """Share of its size to which an effort is known, for the weight of what free parameters may be."""
+_MASS, _FIRST, _INERTIA = 0.25, 0.05, 0.015
+"""Standard deviations of what a description may have wrong of a link, relative to its mass: its mass itself, its first
+moments (m), and its inertias (m^2)."""
 _WEAK = 0.5
 """Standard deviation of what each parameter of the links adds, relative to the size of the effort."""
 _LARGEST_FRICTION = 1.0
@@ -70,6 +75,7 @@ class ModelFit:
         payload: with a point mass at the tool.
         scaled: with all masses and inertias so many times those of the description.
         bodies: with any masses, centres and inertias in the geometry of the description.
+        near: with masses, centres and inertias not too far from those described: another geometry needs others.
         mass: of that point mass, kg.
         center: of it, in the frame of the tool, m, shape (3,).
         changes: other structures that explain clearly more, one after the other.
@@ -83,6 +89,7 @@ class ModelFit:
     payload: float
     scaled: float
     bodies: float
+    near: float
     mass: float
     center: Array
     changes: tuple[Change, ...]
@@ -97,21 +104,24 @@ class TooLittleMotionError(ValueError):
     """A recording with too little motion to judge a model."""
 
 
-def fit_models(arm: Description, loop: Loop) -> ModelFit:
+def fit_models(arm: Description, loop: Loop, violent: bool = False) -> ModelFit:
     """Compare models with a recording.
 
     Args:
         arm: what the controller believes, with the payload that it knows.
         loop: has the joints of the arm, in its order.
+        violent: whether it is a stop: short, and with efforts at their limits, which tell more than they are wrong.
 
     Raises:
         TooLittleMotionError: nothing can be said.
     """
     # The systems are small: several threads of BLAS would wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
-        pieces = _pieces(arm, loop)
+        pieces = _pieces(arm, loop, violent)
         motion, time = joined([piece.motion for piece in pieces]), np.concatenate([piece.time for piece in pieces])
         usable = np.concatenate([piece.usable for piece in pieces])
+        # A joint at its end is held there by more than its drive.
+        usable &= (motion.position > arm.lower) & (motion.position < arm.upper)
         usable &= np.count_nonzero(usable, axis=0) >= _FEWEST
         if not usable.any():
             raise TooLittleMotionError("too little motion without gaps")
@@ -125,6 +135,7 @@ def fit_models(arm: Description, loop: Loop) -> ModelFit:
             payload=payload,
             scaled=problem.unexplained(problem.all_links(), np.ones(1))[0],
             bodies=problem.unexplained(*problem.link_columns())[0],
+            near=problem.unexplained(problem.full[..., : problem.links], problem.errors_of_links())[0],
             mass=mass,
             center=point[1:] / mass if mass else np.zeros(3),
             changes=changes,
@@ -136,16 +147,17 @@ def fit_models(arm: Description, loop: Loop) -> ModelFit:
         )
 
 
-def _pieces(arm: Description, loop: Loop) -> list[Piece]:
-    """The recording, filtered.
+def _pieces(arm: Description, loop: Loop, violent: bool) -> list[Piece]:
+    """The recording, filtered; of a stop also what is short or at the limit of a drive.
 
     Raises:
         TooLittleMotionError: it is too short.
     """
-    everything = np.full(len(arm.joints), np.inf)
-    measured = Measurement(arm.joints, loop.time, loop.position, loop.effort, everything, _SLOW)
+    unlimited = np.full(len(arm.joints), np.inf)
+    shortest = {"shortest": _SHORTEST_STOP} if violent else {}
+    measured = Measurement(arm.joints, loop.time, loop.position, loop.effort, unlimited, _SLOW, **shortest)
     cutoff = _CUTOFF if loop.duration > _SHORT else _CUTOFF_OF_SHORT / loop.duration
-    pieces = filtered(limited(measured, arm.effort), min(cutoff, 0.1 / measured.period))
+    pieces = filtered(measured if violent else limited(measured, arm.effort), min(cutoff, 0.1 / measured.period))
     if not pieces:
         raise TooLittleMotionError(f"{loop.duration:.2g} s are too short to judge the model")
     return pieces
@@ -157,10 +169,10 @@ class _Problem:
     def __init__(self, arm: Description, motion: Motion, usable: NDArray[np.bool_]) -> None:
         self._arm, self._usable = arm, usable
         self._joints = len(arm.joints)
-        self._links = LINK * self._joints
+        self.links = LINK * self._joints
         self.full = regressor(arm.tree, motion.position, motion.velocity, motion.acceleration)
         known = described_parameters(arm.tree, 0.0 * arm.damping, 0.0 * arm.friction)
-        self._rest = motion.effort - self.full[..., : self._links] @ known[: self._links]
+        self._rest = motion.effort - self.full[..., : self.links] @ known[: self.links]
         self._limit = np.where(np.isfinite(arm.effort), arm.effort, np.abs(motion.effort).max(axis=0) + 1e-9)
         self._size = _rms(motion.effort, usable) + _OF_LIMIT * self._limit
         self._friction = _friction_columns(motion)
@@ -184,15 +196,20 @@ class _Problem:
 
     def link_columns(self) -> tuple[Array, Array]:
         """Columns of the base parameters of the links, and how large they may be."""
-        base = base_parameters(self._arm.tree, self._joints, np.arange(self._links))
+        base = base_parameters(self._arm.tree, self._joints, np.arange(self.links))
         columns = self.full[..., base.columns]
         size = np.sqrt(np.mean((columns / self._size[:, np.newaxis]) ** 2, axis=(0, 1))) + 1e-12
         return columns, _WEAK / size
 
+    def errors_of_links(self) -> Array:
+        """Standard deviations of what the description may have wrong of each parameter of the links."""
+        mass = described_parameters(self._arm.tree, 0.0 * self._limit, 0.0 * self._limit)[: self.links : LINK]
+        return np.outer(mass, [_MASS, *[_FIRST] * 3, *[_INERTIA] * 6]).ravel() + 1e-9
+
     def all_links(self) -> Array:
         """The efforts of the whole arm as one column, shape (samples, joints, 1)."""
         known = described_parameters(self._arm.tree, 0.0 * self._limit, 0.0 * self._limit)
-        return np.asarray((self.full[..., : self._links] @ known[: self._links])[..., np.newaxis])
+        return np.asarray((self.full[..., : self.links] @ known[: self.links])[..., np.newaxis])
 
     def unexplained(self, columns: Array, deviation: Array) -> tuple[float, Array]:
         """Share that is left with free parameters of some columns, and these parameters.

@@ -48,6 +48,20 @@ class Observed:
         """Units of each joint."""
         return joint_units(self.slides, len(self.joints))
 
+    def between(self, begin: float, end: float) -> "Observed":
+        """What was measured from one time (s) to another, without what the controller says of itself."""
+        rows = (self.time >= begin) & (self.time <= end)
+        return replace(
+            self,
+            time=self.time[rows],
+            position=self.position[rows],
+            effort=self.effort[rows],
+            command=None if self.command is None else self.command[rows],
+            reference=None if self.reference is None else self.reference[rows],
+            following=None,
+            stopped="",
+        )
+
     def of(self, joints: tuple[str, ...]) -> "Observed":
         """The same with these joints in this order; each must be one of its own."""
         order = [self.joints.index(joint) for joint in joints]

@@ -6,6 +6,7 @@ from enum import Enum
 
 from pidtsm_core.arrays import Array
 from pidtsm_studies.diagnosis.causes import Cause
+from pidtsm_studies.diagnosis.loop import Loop
 
 
 class State(str, Enum):
@@ -72,3 +73,8 @@ class Verdict:
 def unknown(cause: Cause, why: str) -> Verdict:
     """The verdict on a cause that the recording does not show."""
     return Verdict(cause, State.UNKNOWN, why)
+
+
+def too_short(loop: Loop) -> str:
+    """Why nothing can be said of a loop that has stopped soon."""
+    return f"the loop has followed for only {loop.followed:.2g} s before it stopped"

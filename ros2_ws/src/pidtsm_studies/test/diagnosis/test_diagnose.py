@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pidtsm_core.errors import UsageError
@@ -54,3 +55,29 @@ def test_a_recording_of_another_arm_or_of_a_moment_is_refused_with_the_reason(tm
         diagnose(seen)
     with pytest.raises(UsageError, match="lack panda_joint1"):
         diagnose(seen, find_description({"robot.description": "panda"}))
+
+
+@pytest.mark.parametrize("cause", [Cause.WRONG_SIGN, Cause.WRONG_ORDER])
+def test_a_loop_that_stops_at_once_tells_why(cause: Cause, tmp_path: Path) -> None:
+    made = blind_arm(4, tmp_path, "ur5", [cause], "collaborative", 6.0)
+    rigid = {"elasticity.stiffness": 0.0, "friction.bristle_stiffness": 0.0}
+    overrides = {"simulator": {"engine": "mujoco", **rigid}}
+    observed = observe(make_experiment(made.experiment, overrides=overrides))
+    assert observed.stopped
+    assert observed.following is not None
+    assert np.count_nonzero(observed.following) * observed.period < 1.0
+    diagnosis = diagnose(observed, find_description(made.arm.settings()))
+    assert [(each.cause, set(each.joints)) for each in diagnosis.found] == [(cause, set(made.truth[0].joints))]
+    assert "before it stopped" in sentence(diagnosis) or diagnosis.stopped in sentence(diagnosis)
+
+
+def test_a_loop_that_a_limit_stops_at_once_has_no_fault_but_is_not_good(tmp_path: Path) -> None:
+    made = blind_arm(3, tmp_path, "ur5", [], "", 6.0)
+    slow = make_experiment(made.experiment, overrides={"controller": {"limits.velocity": [0.1] * 6}})
+    observed = observe(slow)
+    diagnosis = diagnose(observed, find_description(made.arm.settings()))
+    assert observed.stopped == "velocity limit"
+    assert diagnosis.found == ()
+    assert not diagnosis.is_good
+    unknown = {each.cause for each in diagnosis.verdicts if each.state.value == "unknown"}
+    assert unknown >= {Cause.RINGING, Cause.STICK_SLIP, Cause.SATURATION, Cause.OTHER_ARM}

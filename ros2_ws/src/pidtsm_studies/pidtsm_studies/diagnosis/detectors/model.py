@@ -1,8 +1,9 @@
 """What is wrong with the model: signs, order, another arm, masses, or a payload; one estimate tells them apart.
 
 The description leaves a part of the effort unexplained. Of all that may be wrong, what explains most of it with the
-fewest numbers is the cause: another sign or order needs none, a payload four, masses and centres the base parameters of
-the arm. Lengths and axes are in no number: if even free masses leave much, it is the description of another arm.
+fewest numbers is the cause: another sign or order needs none, a payload four, masses and centres ten for each link.
+Lengths and axes are in no number: if much is left with all masses that a description may have wrong, it is that of
+another arm.
 """
 
 from collections.abc import Sequence
@@ -14,28 +15,40 @@ from pidtsm_core.written import number
 from pidtsm_studies.diagnosis.causes import Cause
 from pidtsm_studies.diagnosis.loop import Loop
 from pidtsm_studies.diagnosis.model_fit import ModelFit, TooLittleMotionError, fit_models
-from pidtsm_studies.diagnosis.verdict import Curve, Plot, State, Verdict, unknown
+from pidtsm_studies.diagnosis.verdict import Curve, Plot, State, Verdict, too_short, unknown
 
 _RIGHT, _RIGHT_WORST = 0.037, 0.08
 """Shares of the efforts, of all joints and of the worst, that no description explains: cogging, and masses that
 are some percent off."""
 _DISTURBED = 2.5
-"""Factor of both where the reference jitters: fast motion shows friction and gears that no model has."""
+"""Factor of both where the reference jitters or the loop rings: fast motion shows friction and gears that no model
+has."""
 _STRUCTURE = 0.35
 """Share of the unexplained effort that may remain with the right signs and order."""
-_PAYLOAD, _PAYLOAD_OF_SCALED = 0.4, 0.8
-"""Shares that may remain with a payload: of what the description leaves, and of what a factor of all masses leaves."""
-_AS_GOOD, _NOISE = 1.8, 0.006
-"""A payload that leaves at most so many times what free masses leave, plus so much, is the simpler reason."""
+_PAYLOAD = 0.4
+"""Share of what the description leaves that may remain with a payload."""
+_FARTHEST = 0.5
+"""m from the tool to the centre of a payload."""
 _LIGHTEST = 0.05
 """kg."""
-_BODIES, _OF_DESCRIBED = 0.021, 0.1
-"""Share that the right geometry with free masses leaves, also relative to what the description leaves."""
-_EXPLAINED, _ANOTHER = 0.5, 0.12
-"""Where the reference jitters, another arm is certain if free masses explain a part at least, or if so much is
-unexplained."""
+_NEAR = 0.046
+"""Share that the right geometry leaves, with masses that a description may have wrong."""
+_ANOTHER = 0.06
+"""Share that the description of another arm leaves at least; of less, friction is the reason."""
+_BETTER_THAN_FREE = 0.7
+"""Of what free masses leave, the share that the right signs and order may leave."""
+_SEEN, _CLEARLY = 0.012, 0.33
+"""Share from which on masses count that explain clearly more than the description, or a factor of all its masses, does:
+they may leave this share of it. Signs and order count from there on, too."""
+_AT_LIMIT, _OFTEN, _LAST = 0.98, 0.1, 1.0
+"""Share of an effort limit that counts as it, share of the samples of a loop that bangs against it, and s of such a
+loop that are judged."""
+_VIOLENT, _REMAINS, _EXPLAINED = 0.2, 0.12, 0.5
+"""Share that wrong signs or a wrong order leave of violent motion at least; what the right ones leave at most, of that
+and at all."""
 CAUSES = (Cause.WRONG_SIGN, Cause.WRONG_ORDER, Cause.OTHER_ARM, Cause.WRONG_GRAVITY, Cause.UNKNOWN_PAYLOAD)
 """Of these verdicts, in their order."""
+_TOO_VIOLENT = "the arm moves too violently; repair signs and order first"
 _NO_ARM = "the arm is not known; name it with --robot"
 _SHOWN = 3
 """Joints of the plot."""
@@ -48,10 +61,18 @@ def model_verdicts(loop: Loop, arm: Description | None, robot: str, disturbed: b
         loop: the recording; if there is an arm, with its joints in its order.
         arm: what the controller believes; None: it is not known.
         robot: what ``--robot`` names it, for cures.
-        disturbed: whether the reference jitters.
+        disturbed: whether the reference jitters or the loop rings.
     """
     if arm is None:
         return [unknown(cause, _NO_ARM) for cause in CAUSES]
+    if (violent := _violent(loop, arm)) is not None:
+        found = _structure(violent)
+        return [
+            _verdict(cause, violent, loop, robot) if cause in found else unknown(cause, _TOO_VIOLENT)
+            for cause in CAUSES
+        ]
+    if not loop.follows:
+        return [unknown(cause, too_short(loop)) for cause in CAUSES]
     try:
         fit = fit_models(arm, loop)
     except TooLittleMotionError as error:
@@ -60,22 +81,49 @@ def model_verdicts(loop: Loop, arm: Description | None, robot: str, disturbed: b
     return [_verdict(cause, fit, loop, robot) if cause in found else _fine(cause, fit) for cause in CAUSES]
 
 
+def _violent(loop: Loop, arm: Description) -> ModelFit | None:
+    """The models of a stop, or of a loop that bangs against its limits, if other signs or another order explain it.
+
+    Such motion is too violent for all other causes.
+    """
+    at_limit = np.mean(np.abs(loop.effort) >= _AT_LIMIT * arm.effort, axis=0)
+    part = loop.around_stop()
+    if part is None and at_limit.max() > _OFTEN:
+        part = loop.last(_LAST)
+    if part is None:
+        return None
+    try:
+        fit = fit_models(arm, part, violent=True)
+    except TooLittleMotionError:
+        return None
+    # A loop that has followed for some time hardly has wrong signs: they must explain the rest, too.
+    enough = min(_REMAINS * fit.described, _EXPLAINED if loop.follows else np.inf)
+    return fit if fit.changes and fit.restructured < enough and fit.described > _VIOLENT else None
+
+
+def _structure(fit: ModelFit) -> Sequence[Cause]:
+    """Wrong signs or order, as far as other ones explain more."""
+    return tuple(dict.fromkeys(Cause.WRONG_ORDER if each.kind == "order" else Cause.WRONG_SIGN for each in fit.changes))
+
+
 def _cause(fit: ModelFit, patience: float) -> Sequence[Cause]:
     """What is wrong with the model; empty: nothing. `patience`: factor of the shares that no description explains."""
-    if fit.described < patience * _RIGHT and fit.worst < patience * _RIGHT_WORST:
+    left, simple = min(fit.payload, fit.bodies), min(fit.described, fit.scaled)
+    # With the right signs and order, the description is as good as any, and better than one with free masses.
+    enough = max(_STRUCTURE * fit.described, _BETTER_THAN_FREE * left)
+    if fit.changes and fit.described > _SEEN and fit.restructured < enough:
+        return _structure(fit)
+    # What nothing but other masses explains is no disturbance.
+    explained = simple > _SEEN and left < _CLEARLY * simple
+    if fit.described < patience * _RIGHT and fit.worst < patience * _RIGHT_WORST and not explained:
         return ()
-    # With the right signs and order, the description is as good as any.
-    if fit.changes and fit.restructured < max(_STRUCTURE * fit.described, patience * _RIGHT):
-        kinds = dict.fromkeys(Cause.WRONG_ORDER if each.kind == "order" else Cause.WRONG_SIGN for each in fit.changes)
-        return tuple(kinds)
-    left = min(fit.payload, fit.bodies)
-    is_simplest = fit.payload < min(_PAYLOAD * fit.described, _PAYLOAD_OF_SCALED * fit.scaled)
-    if fit.mass > _LIGHTEST and is_simplest and fit.payload < _AS_GOOD * fit.bodies + _NOISE:
+    # Four numbers that explain more than all masses do that a description may have wrong.
+    is_simplest = fit.payload < min(_PAYLOAD * fit.described, fit.near)
+    if is_simplest and fit.mass > _LIGHTEST and np.linalg.norm(fit.center) < _FARTHEST:
         return (Cause.UNKNOWN_PAYLOAD,)
-    if fit.bodies < max(patience * _BODIES, _OF_DESCRIBED * fit.described):
+    if fit.near < _NEAR:
         return (Cause.WRONG_GRAVITY,)
-    certain = patience == 1.0 or left < _EXPLAINED * fit.described or fit.described > _ANOTHER
-    return (Cause.OTHER_ARM,) if certain else ()
+    return (Cause.OTHER_ARM,) if fit.described > patience * _ANOTHER else ()
 
 
 def _fine(cause: Cause, fit: ModelFit) -> Verdict:

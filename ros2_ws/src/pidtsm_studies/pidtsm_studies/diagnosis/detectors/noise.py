@@ -2,7 +2,9 @@
 
 No arm moves at more than a quarter of the sampling rate: there, the spectrum is that of the encoder. White noise with
 standard deviation s has the density 2 s^2 / rate. Its median over the frequencies leaves out narrow peaks, such as
-those of a loop that rings. Rounding to steps is not noise: an encoder may scatter by a step.
+those of a loop that rings. Where samples are lost, fast motion between their neighbours looks like noise; there, the
+fourth difference of positions without gaps, to which white noise contributes 70 s^2, tells it. The smaller one counts.
+Rounding to steps is not noise: an encoder may scatter by a step.
 """
 
 import numpy as np
@@ -16,8 +18,8 @@ _LARGEST = 1.5e-4
 """rad or m; standard deviation that needs no mention."""
 _STEPS = 0.8
 """Noise of an encoder with coarse steps that needs no mention, in steps."""
-_MEDIAN = np.log(2.0)
-"""Median of a chi-squared density with two degrees of freedom, relative to its mean."""
+_ORDER, _GAIN, _OF_MEDIAN = 4, 70.0, 0.6745
+"""Of the difference, factor of its variance to that of white noise, and median of a Gaussian number's size."""
 
 
 def noisy_encoder(loop: Loop) -> Verdict:
@@ -25,6 +27,7 @@ def noisy_encoder(loop: Loop) -> Verdict:
     spectrum = loop.spectrum
     top = spectrum.frequency > 0.25 * loop.rate
     noise = np.sqrt(np.median(spectrum.position[top], axis=0) * 0.5 * loop.rate)
+    noise = np.minimum(noise, _between_gaps(loop))
     steps = np.array([resolution(column) for column in loop.observed.position.T])
     limit = np.maximum(_LARGEST, _STEPS * steps)
     order = np.argsort(-noise / limit)
@@ -50,6 +53,17 @@ def noisy_encoder(loop: Loop) -> Verdict:
         else "",
         (Plot("Spectrum of the position", "frequency [Hz]", f"{unit}/√Hz", curves, logarithmic=True),),
     )
+
+
+def _between_gaps(loop: Loop) -> Array:
+    """Standard deviation of the noise, from positions between which none is lost, shape (joints,), rad or m."""
+    observed = loop.observed
+    steady = np.diff(observed.time) < 1.5 * loop.period
+    whole = np.lib.stride_tricks.sliding_window_view(steady, _ORDER).all(axis=1)
+    differences = np.diff(observed.position, _ORDER, axis=0)[whole]
+    if not len(differences):
+        return np.full(len(loop.joints), np.inf)
+    return np.asarray(np.median(np.abs(differences), axis=0) / (_OF_MEDIAN * np.sqrt(_GAIN)))
 
 
 def resolution(position: Array) -> float:

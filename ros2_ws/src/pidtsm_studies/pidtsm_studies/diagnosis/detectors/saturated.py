@@ -1,8 +1,9 @@
 """A saturated drive, from efforts that stay at their largest value.
 
-Of a drive at its limit, one of three things is seen: the effort stays exactly at its largest value; it stays at the
-limit of the description; or the command exceeds the effort where the effort is at its largest. A drive that is only
-late has command and effort apart in both directions, one at its limit only outwards.
+Of a drive at its limit, one of four things is seen: the effort stays exactly at its largest value; it stays at the
+limit of the description; the command exceeds the effort where the effort is at its largest; or it exceeds the effort
+while the joint is driven back, when friction would help the command. A drive that is only late has command and effort
+apart in both directions, one at its limit only outwards.
 """
 
 import numpy as np
@@ -20,6 +21,8 @@ _EXACT, _NEAR = 0.9999, 0.98
 _BEYOND, _CLEARLY = 1.02, 1.5
 """Ratio of command and effort from which on the drive is called short of effort, and factor of their usual difference.
 """
+_BACK, _LACKING = 0.02, 0.3
+"""rad/s or m/s from which on a joint is driven back, and how much effort it then lacks, as a share of its largest."""
 _SLOW = 3.0
 """Hz, of what is compared."""
 _SHORTEST = 0.3
@@ -40,12 +43,12 @@ def saturation(loop: Loop, limit: Array | None, late: float = 0.0) -> Verdict:
     at_limit = size >= _EXACT * largest
     if limit is not None:
         at_limit |= size >= _NEAR * limit
-    shares = [_lasting(at_limit, loop.observed.period)]
-    if loop.command is not None:
-        shares.append(_lasting(_short(loop, late), loop.period))
-    share = np.max(shares, axis=0)
     # An effort that never changes, such as 0 of a joint that bears no load, is no limit.
-    share = np.where(np.ptp(effort, axis=0) > 0.02 * largest, share, 0.0)
+    changes = np.ptp(effort, axis=0) > 0.02 * largest
+    shares = [np.where(changes, _lasting(at_limit, loop.observed.period), 0.0)]
+    if loop.command is not None:
+        shares += [_lasting(each, loop.period) for each in _short(loop, late)]
+    share = np.max(shares, axis=0)
     order = np.argsort(-share)
     found = [int(j) for j in order if share[j] > _LARGEST]
     worst = int(order[0])
@@ -71,11 +74,12 @@ def saturation(loop: Loop, limit: Array | None, late: float = 0.0) -> Verdict:
     )
 
 
-def _short(loop: Loop, late: float) -> Array:
-    """Samples in which the effort is at its largest and the command beyond it, shape (samples, joints).
+def _short(loop: Loop, late: float) -> tuple[Array, Array]:
+    """Samples whose command exceeds the effort: where it is at its largest, and while the joint is driven back.
 
     Where the effort is not at its largest, command and effort differ by friction, if it is measured behind the gear,
-    and by the lag of the drive; it must be clearly more.
+    and by the lag of the drive; it must be clearly more. Of a joint that moves against its command, friction adds to
+    the effort. Both have shape (samples, joints).
     """
     assert loop.command is not None
     answered = np.stack([np.interp(loop.time - late, loop.time, each) for each in loop.command.T], axis=1)
@@ -83,9 +87,13 @@ def _short(loop: Loop, late: float) -> Array:
     noise = np.std(loop.rough(loop.effort, 0.25 * loop.rate), axis=0) * np.sqrt(_SLOW / loop.rate)
     largest = np.percentile(np.abs(effort), 99.5, axis=0)
     top = np.abs(effort) > largest - np.maximum(0.01 * largest, 4.0 * noise)
-    usual = np.nanpercentile(np.where(top, np.nan, np.abs(command - effort)), 95.0, axis=0)
-    beyond = command * np.sign(effort) > np.abs(effort) * _BEYOND + _CLEARLY * np.nan_to_num(usual)
-    return np.asarray(top & beyond)
+    elsewhere = np.where(top, np.nan, np.abs(command - effort))
+    elsewhere[0, top.all(axis=0)] = 0.0
+    usual = np.nanpercentile(elsewhere, 95.0, axis=0)
+    lacking = np.sign(effort) * (command - effort)
+    beyond = lacking > np.abs(effort) * (_BEYOND - 1.0) + _CLEARLY * usual
+    back = (np.sign(effort) * loop.velocity < -_BACK) & (lacking > _LACKING * largest)
+    return np.asarray(top & beyond), np.asarray(back)
 
 
 def _lasting(at_limit: Array, period: float) -> Array:
