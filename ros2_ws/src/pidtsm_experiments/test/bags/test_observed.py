@@ -1,6 +1,7 @@
 """What is seen of a loop in its bag is what another reader finds there."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.highlevel import AnyReader
@@ -23,7 +24,7 @@ def test_when_a_controller_follows_and_why_it_stops_is_read_as_rosbags_decodes_i
     assert used == "simulator/ground_truth, joint_commands, reference"
     with AnyReader([bag], default_typestore=typestore()) as reader:
         states = [each for each in reader.connections if each.topic.endswith("controller/state")]
-        decoded = [reader.deserialize(data, each.msgtype) for each, _, data in reader.messages(states)]
+        decoded: list[Any] = [reader.deserialize(data, each.msgtype) for each, _, data in reader.messages(states)]
     assert observed.following is not None
     assert np.array_equal(observed.following, [message.mode == message.FOLLOWING for message in decoded])
     assert 0 < np.count_nonzero(observed.following) < observed.time.size

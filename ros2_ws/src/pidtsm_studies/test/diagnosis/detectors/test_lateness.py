@@ -12,18 +12,18 @@ from pidtsm_studies.diagnosis.verdict import State
 
 _PERIOD = 0.002
 _COUNT = 5000
+_TIME: Array = np.linspace(0.0, _PERIOD * (_COUNT - 1), _COUNT)
 
 
 def _recording(effort: Array, command: Array, position: Array) -> Loop:
     """One joint; efforts answer the command in the next joint state."""
     late = np.vstack([effort[:1], effort[:-1]])
-    return Loop(Observed(("joint",), _PERIOD * np.arange(_COUNT), position, late, command, position))
+    return Loop(Observed(("joint",), _TIME, position, late, command, position))
 
 
 def _command(random: np.random.Generator) -> tuple[Array, Array]:
     """A slow motion with friction at its reversals, and what a controller adds: the command and the position."""
-    time = _PERIOD * np.arange(_COUNT)
-    position = np.sin(2.0 * np.pi * 0.2 * time)
+    position = np.sin(2.0 * np.pi * 0.2 * _TIME)
     fast = lfilter([0.1], [1.0, -0.9], random.standard_normal(_COUNT))
     return (5.0 * position + 3.0 * fast)[:, np.newaxis], position[:, np.newaxis]
 

@@ -8,7 +8,7 @@ from pidtsm_studies.diagnosis.detectors.saturated import saturation
 from pidtsm_studies.diagnosis.loop import Loop
 from pidtsm_studies.diagnosis.observed import Observed
 
-_TIME = 0.002 * np.arange(5000)
+_TIME: Array = np.linspace(0.0, 10.0, 5001)
 _FRICTION = 3.0
 
 
@@ -17,8 +17,8 @@ def _observed(command: Array, velocity: Array, drive: float) -> Loop:
     delivered = np.clip(command, -drive, drive)
     effort = delivered - _FRICTION * np.tanh(velocity / 0.01)
     position = 0.002 * np.cumsum(velocity)
-    columns = (each[:, np.newaxis] for each in (position, effort, command, position))
-    return Loop(Observed(("joint",), _TIME, *columns))
+    reference, measured, torque, wanted = (each[:, np.newaxis] for each in (position, position, effort, command))
+    return Loop(Observed(("joint",), _TIME, measured, torque, wanted, reference))
 
 
 @pytest.mark.parametrize(("drive", "saturates"), [(100.0, False), (12.0, True)])
