@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pidtsm_core.arrays import Array
 from pidtsm_core.errors import UsageError
 from pidtsm_core.robots import Description
 from pidtsm_studies.diagnosis.causes import NAMES, Cause
@@ -25,6 +26,8 @@ SHORTEST = 3.0
 """s of a recording that can be judged."""
 _SHOWN_BY_FOLLOWING = (Cause.NOISY_ENCODER, Cause.SATURATION, Cause.RINGING, Cause.STICK_SLIP)
 """What a loop shows that follows for some time; a stop is too violent."""
+_DISTURBING = {Cause.COMMAND_JITTER, Cause.RINGING}
+"""What makes motion so fast that friction and gears show, which no model has."""
 _VIOLENT = 0.3
 """rad/s or m/s of a loop that rings so much that no friction holds it."""
 _ANOTHER_ARM = {Cause.WRONG_SIGN, Cause.WRONG_ORDER, Cause.OTHER_ARM}
@@ -91,18 +94,24 @@ def diagnose(observed: Observed, arm: Description | None = None, robot: str = "R
     with warnings.catch_warnings(), np.errstate(divide="ignore", invalid="ignore"):
         # A joint that stands still has no spectrum.
         warnings.simplefilter("ignore", RuntimeWarning)
-        jitter, late = command_jitter(loop), late_drive(loop)
+        late = late_drive(loop)
+        verdicts = [lost_samples(loop), command_jitter(loop), late]
         if loop.follows:
-            saturated = saturation(Loop(observed, before_stop=0.0), limit, late.value if late.found else 0.0)
-            rings = ringing(loop)
-            violently = rings.found and rings.value > _VIOLENT
-            shown = [noisy_encoder(loop), saturated, rings, stick_slip(loop, saturated.found, violently)]
+            verdicts += _of_following(loop, limit, late.value if late.found else 0.0)
         else:
-            shown = [unknown(cause, too_short(loop)) for cause in _SHOWN_BY_FOLLOWING]
-        disturbed = jitter.found or any(each.found for each in shown if each.cause is Cause.RINGING)
-        verdicts = [lost_samples(loop), jitter, late, *shown, *model_verdicts(loop, arm, robot, disturbed)]
+            verdicts += [unknown(cause, too_short(loop)) for cause in _SHOWN_BY_FOLLOWING]
+        disturbed = not _DISTURBING.isdisjoint(each.cause for each in verdicts if each.found)
+        verdicts += model_verdicts(loop, arm, robot, disturbed)
     ordered = sorted(_without_consequences(verdicts), key=lambda each: (not each.found, each.state is State.FINE))
     return Diagnosis(tuple(ordered), loop.duration, loop.rate, observed.joints, observed.stopped)
+
+
+def _of_following(loop: Loop, limit: Array | None, late: float) -> list[Verdict]:
+    """Verdicts on `_SHOWN_BY_FOLLOWING`; effort limits of the description, and s by which the drives are late."""
+    saturated = saturation(Loop(loop.observed, before_stop=0.0), limit, late)
+    rings = ringing(loop)
+    violently = rings.found and rings.value > _VIOLENT
+    return [noisy_encoder(loop), saturated, rings, stick_slip(loop, saturated.found, violently)]
 
 
 def _without_consequences(verdicts: Sequence[Verdict]) -> list[Verdict]:

@@ -120,8 +120,8 @@ def fit_models(arm: Description, loop: Loop, violent: bool = False) -> ModelFit:
         pieces = _pieces(arm, loop, violent)
         motion, time = joined([piece.motion for piece in pieces]), np.concatenate([piece.time for piece in pieces])
         usable = np.concatenate([piece.usable for piece in pieces])
-        # A joint at its end is held there by more than its drive.
-        usable &= (motion.position > arm.lower) & (motion.position < arm.upper)
+        if violent:  # A joint at its end is held there by more than its drive.
+            usable &= (motion.position > arm.lower) & (motion.position < arm.upper)
         usable &= np.count_nonzero(usable, axis=0) >= _FEWEST
         if not usable.any():
             raise TooLittleMotionError("too little motion without gaps")
