@@ -86,7 +86,7 @@ def diagnose(observed: Observed, arm: Description | None = None, robot: str = "R
                 f"the joint states lack {', '.join(missing)}, and have {', '.join(observed.joints)}: is this the "
                 "recording of another robot?"
             )
-        observed = observed.of(arm.joints)
+        observed = replace(observed.of(arm.joints), slides=tuple(arm.slides.tolist()))
     if observed.time.size < 2 or observed.time[-1] - observed.time[0] < SHORTEST:
         raise UsageError(f"the recording is shorter than {SHORTEST:g} s; record a motion of 20 s or more")
     loop = Loop(observed)

@@ -34,6 +34,7 @@ def test_a_fault_is_named_and_nothing_else(cause: Cause | None, tmp_path: Path) 
     assert diagnosis.is_good == (cause is None)
     for each in made.truth:
         assert not each.joints or set(each.joints) & set(found[each.cause].joints[:2])
+        assert found[each.cause].cure.isascii()  # Commands that can be pasted.
         assert found[each.cause].cure
         assert found[each.cause].plots
     page = tmp_path / "page.html"

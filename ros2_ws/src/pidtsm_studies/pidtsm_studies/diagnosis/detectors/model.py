@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from pidtsm_core.robots import Description
-from pidtsm_core.written import number
 from pidtsm_studies.diagnosis.causes import Cause
 from pidtsm_studies.diagnosis.loop import Loop
 from pidtsm_studies.diagnosis.model_fit import ModelFit, TooLittleMotionError, fit_models
@@ -157,7 +156,7 @@ def _words(cause: Cause, fit: ModelFit, loop: Loop, robot: str) -> tuple[str, st
         cure = "correct the names in the driver, or the order in its configuration"
         return text, cure, tuple(joint for pair in pairs for joint in pair)
     if cause is Cause.UNKNOWN_PAYLOAD:
-        at = ",".join(number(float(each), 2) for each in fit.center)
+        at = ",".join(f"{round(float(each), 3) + 0.0:g}" for each in fit.center)
         text = f"something of {fit.mass:.2g} kg at the tool explains what {share.removeprefix('the description ')}"
         return text, f"./pidtsm identify-payload BAG --robot {robot}, or --payload {fit.mass:.2g}@{at}", worst
     if cause is Cause.WRONG_GRAVITY:
