@@ -97,7 +97,7 @@ class Loop:
 
     @property
     def followed(self) -> float:
-        """How long the loop has followed its reference, s; infinite if it does not say."""
+        """How long the loop has followed its reference, s; infinite if that is not known."""
         following = self.observed.following
         return np.inf if following is None else float(np.count_nonzero(following) * self.period)
 

@@ -6,7 +6,7 @@ fitted along, because no description knows them.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 
@@ -110,7 +110,7 @@ def fit_models(arm: Description, loop: Loop, violent: bool = False) -> ModelFit:
     Args:
         arm: what the controller believes, with the payload that it knows.
         loop: has the joints of the arm, in its order.
-        violent: whether it is a stop: short, and with efforts at their limits, which tell more than they are wrong.
+        violent: whether it is a stop, which is short; its efforts count also where they are at their limits.
 
     Raises:
         TooLittleMotionError: nothing can be said.
@@ -154,10 +154,10 @@ def _pieces(arm: Description, loop: Loop, violent: bool) -> list[Piece]:
         TooLittleMotionError: it is too short.
     """
     unlimited = np.full(len(arm.joints), np.inf)
-    shortest = {"shortest": _SHORTEST_STOP} if violent else {}
-    measured = Measurement(arm.joints, loop.time, loop.position, loop.effort, unlimited, _SLOW, **shortest)
+    measured = Measurement(arm.joints, loop.time, loop.position, loop.effort, unlimited, _SLOW)
+    measured = replace(measured, shortest=_SHORTEST_STOP) if violent else limited(measured, arm.effort)
     cutoff = _CUTOFF if loop.duration > _SHORT else _CUTOFF_OF_SHORT / loop.duration
-    pieces = filtered(measured if violent else limited(measured, arm.effort), min(cutoff, 0.1 / measured.period))
+    pieces = filtered(measured, min(cutoff, 0.1 / measured.period))
     if not pieces:
         raise TooLittleMotionError(f"{loop.duration:.2g} s are too short to judge the model")
     return pieces

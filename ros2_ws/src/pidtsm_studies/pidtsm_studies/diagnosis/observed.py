@@ -49,7 +49,7 @@ class Observed:
         return joint_units(self.slides, len(self.joints))
 
     def between(self, begin: float, end: float) -> "Observed":
-        """What was measured from one time (s) to another, without what the controller says of itself."""
+        """The recording from one time (s) to another, without the state of the controller."""
         rows = (self.time >= begin) & (self.time <= end)
         return replace(
             self,
