@@ -53,7 +53,8 @@ def known(publishers: Sequence[TopicEndpointInfo]) -> bool:
 
 def named(publishers: Sequence[TopicEndpointInfo]) -> str:
     """Names of the nodes of these publishers."""
-    return ", ".join(sorted({f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers}))
+    names = {f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers if known([p])}
+    return ", ".join([*sorted(names), *([] if known(publishers) else ["a node of unknown name"])])
 
 
 class SoleTopic:
@@ -91,7 +92,7 @@ class SoleTopic:
         self._subscription: Subscription | None = None
         self._since = self._received = 0.0  # s
         self._last = 0  # number of the last message received
-        self._older = self._even = False
+        self._older = self._even = self._yielded = False
 
     def _of_this_name(self) -> set[bytes]:
         """Identifiers of the publishers of nodes with the name of this one."""
@@ -164,6 +165,7 @@ class SoleTopic:
     def check(self) -> bool:
         """Look for other publishers, and log them; returns whether this node must yield to one."""
         others = self._others()
+        self._name_the_first(others)
         if not others:
             self.destroy()
             self.trouble, self.received_another = "", False
@@ -184,9 +186,16 @@ class SoleTopic:
         yields = self.lost or self._older or (self._even and smaller)
         self._older = self._even = self._rivalled = False
         if yields:
-            self.lost = True
-            self._node.get_logger().error(f"deactivated: {names} publishes {topic} and was first; {CURE}")
+            self.lost = self._yielded = True
+            self._name_the_first(others)
         return yields
+
+    def _name_the_first(self, others: list[TopicEndpointInfo]) -> None:
+        """Log why this node has yielded, once, as soon as the names of the others are known or they have ended."""
+        if self._yielded and known(others):
+            names = named(others) or "a node that has ended"
+            self._node.get_logger().error(f"deactivated: {names} publishes {self._topic} and was first; {CURE}")
+            self._yielded = False
 
 
 def troubles(sole: SoleTopic | None, sources: Sequence[SourceWatch]) -> tuple[bool, str]:
