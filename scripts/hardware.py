@@ -42,8 +42,8 @@ Unless `--params` names another set, the gains are those of the [rule](tuning.md
   with one more sample of delay.
 * **Where joints are elastic, the observer knows the springs** (`estimator.name: elastic_joint_observer`), of all laws
   that reject disturbances. Stiffness and rotors may be 20 and 15 % wrong. Without, links mostly err by two to six times
-  as much ([why](decisions/2026-11-27-the-observer-knows-the-springs.md)). Set `estimator.stiffness` of a real arm from
-  the data sheets of its gears. `adaptation.*` needs the other observer, which the set `adaptive` has.
+  as much ([why](decisions/2026-11-27-the-observer-knows-the-springs.md)). A [commissioning](commissioning.md)
+  finds the stiffness of a real arm. Of `adaptation.*`, only friction can be learnt with it.
 * Steps of the encoder and delay bound it as for [any arm](own-robot.md).
 * The Coulomb friction of half-warm gears is compensated (`compensation.coulomb`). Load, asymmetry, sticking and
   temperature are unknown to the controller. Law `pid` compensates nothing.

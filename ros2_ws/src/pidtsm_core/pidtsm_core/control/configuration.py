@@ -96,7 +96,8 @@ class AdaptationConfig(NamedTuple):
     watches_roughness: bool  # of its commands
     softens: bool  # while a command is rough
     roughness: Array  # what the drives bear, shape (joints,), a share of the effort limit
-    bandwidth: Array  # of the observer that it learns from, shape (joints,), rad/s
+    bandwidth: Array  # of the poles that what it learns from has passed, shape (joints,), rad/s
+    velocity_lags: bool  # see `Estimator`
 
 
 class DriveConfig(NamedTuple):
@@ -193,7 +194,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
         rehearsal=rehearsal,
         activation=_group(ActivationConfig, values, joints),
         compensation=compensation,
-        adaptation=_adaptation(values, joints),
+        adaptation=_adaptation(values, estimator, joints),
         drive=_drive(values, joints),
         freedrive=_freedrive(values, limits),
         barrier=_group(BarrierConfig, values, joints),
@@ -323,7 +324,7 @@ def _freedrive(values: Mapping[str, Value], limits: LimitsConfig) -> FreedriveCo
     )
 
 
-def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
+def _adaptation(values: Mapping[str, Value], observer: Estimator, joints: int) -> AdaptationConfig:
     friction, lateness, softening = (values.get(p.name, "none") for p in ADAPTATION)
     learns = friction != "none" or lateness != "none"
     return AdaptationConfig(
@@ -335,7 +336,8 @@ def _adaptation(values: Mapping[str, Value], joints: int) -> AdaptationConfig:
         watches_roughness=softening != "none",
         softens=softening == "act",
         roughness=joint_array(values.get(ROUGHNESS.name, 0.0), joints),
-        bandwidth=joint_array(values["estimator.bandwidth"], joints) if learns else np.zeros(joints),
+        bandwidth=observer.poles * joint_array(values["estimator.bandwidth"], joints) if learns else np.zeros(joints),
+        velocity_lags=observer.velocity_lags,
     )
 
 

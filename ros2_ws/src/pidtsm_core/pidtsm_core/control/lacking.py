@@ -9,6 +9,8 @@ disturbance changes so quickly that the arm would follow the error of the veloci
 White noise of standard deviation n of the position at the period T becomes noise of 1.3 n w sqrt(w T) of the velocity;
 n is known from how the error of the position changes between two samples. A noisy velocity is neither corrected nor
 learnt from.
+
+An observer that knows the springs estimates the velocity of the links without such an error: it is taken as it is.
 """
 
 import math
@@ -45,10 +47,11 @@ def find_lacking(config: ControllerConfig, state: ControllerState, dt: float) ->
     for j in range(state.lacking.size):
         bandwidth = state.pace[0] * config.adaptation.bandwidth[j]
         error = state.measured[j] - y[Signal.POSITION, j]
-        velocity = y[Signal.VELOCITY, j] + 3.0 * bandwidth * error
+        lags = 3.0 * bandwidth * error if config.adaptation.velocity_lags else 0.0
+        velocity = y[Signal.VELOCITY, j] + lags
         state.lacking[j] = efforts[0, j] - efforts[1, j]
         gone = -math.expm1(-bandwidth * dt)
-        wanted = 3.0 * bandwidth * error * _rubs(config, state, j, dt) if abs(error) < _ABSURD else 0.0
+        wanted = lags * _rubs(config, state, j, dt) if abs(error) < _ABSURD else 0.0
         state.noise[Noise.CORRECTION, j] += gone * (wanted - state.noise[Noise.CORRECTION, j])
         y[Signal.VELOCITY, j] += state.noise[Noise.CORRECTION, j]
         if math.isfinite(state.lacking[j] + velocity):

@@ -18,7 +18,7 @@ from pidtsm_core.control.friction_learning import fit_friction
 from pidtsm_core.control.state import ControllerState, Friction
 from pidtsm_core.errors import UsageError
 
-_FORM = 1
+_FORM = 2
 """Of the content; other numbers are those of other versions."""
 _COUNTS = 0.5
 """s of evidence, as which the kept one counts at most."""
@@ -115,6 +115,9 @@ def _arrays(config: ControllerConfig, state: ControllerState) -> dict[str, dict[
         groups["friction"] = {
             "normal": state.friction_evidence,
             "squares": state.friction[Friction.SQUARES],
+            "slow": state.friction[Friction.SLOW],
+            "forth": state.friction[Friction.FORTH],
+            "back": state.friction[Friction.BACK],
             "evidence": state.friction[Friction.EVIDENCE],
         }
     if config.adaptation.learns_lateness:

@@ -217,14 +217,14 @@ REJECTION = Parameter(
     "law.disturbance_rejection",
     False,
     "whether the disturbance that the observer estimates is subtracted from the commanded acceleration; needs "
-    "estimator.name: extended_state_observer",
+    "estimator.name: extended_state_observer or elastic_joint_observer",
     read_only=True,
 )
 LEARNT_FRICTION = Parameter(
     "adaptation.friction",
     "none",  # Not "off", which is false in YAML.
     "find friction beyond compensation.* while the arm moves. learn: compensate the Coulomb friction that is certain; "
-    "warn: only report it. Needs estimator.name: extended_state_observer",
+    "warn: only report it. Needs estimator.name: extended_state_observer or elastic_joint_observer",
     choices=("none", "warn", "learn"),
 )
 _DELAY = Parameter(
@@ -347,10 +347,10 @@ def _check_range(settings: Mapping[str, object], robot: Robot) -> None:
 def _check_observer(settings: Mapping[str, object], estimator: Estimator) -> None:
     """Check that the estimator finds the disturbance that other parameters use."""
     finds = [e.name for e in ESTIMATORS.members if e.finds_disturbance]
-    teaches = [e.name for e in ESTIMATORS.members if e.teaches]
+    teaches = {p: [e.name for e in ESTIMATORS.members if p.name in e.teaches] for p in ADAPTATION}
     uses = {
         REJECTION: (settings.get(REJECTION.name) is True, finds),
-        **{p: (settings.get(p.name, "none") != "none", teaches) for p in ADAPTATION},
+        **{p: (settings.get(p.name, "none") != "none", names) for p, names in teaches.items()},
         **{p: (np.any(np.asarray(settings.get(p.name, 0.0), object) != 0.0), finds) for p in (_DELAY, _LAG)},
     }
     if settings.get(_FEEDBACK.name) == "measured" and settings.get("estimator.at_links") is True:

@@ -148,6 +148,10 @@ class Friction(IntEnum):
     SOFT = 8  # the part of COULOMB that grows slowly with it, N m
     MIDDLE_SHARE = 9  # share of the former of USED
     SOFT_SHARE = 10  # share of the latter
+    LEFT = 11  # slow part of what the fit leaves unexplained, N m
+    SLOW = 12  # integral of its square, (N m)^2 s
+    FORTH = 13  # for how long the joint was observed moving forwards, s
+    BACK = 14  # likewise, backwards
 
 
 class Noise(IntEnum):

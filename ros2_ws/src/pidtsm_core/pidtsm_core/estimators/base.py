@@ -34,7 +34,10 @@ class Estimator(Member):
         needs_truth: whether it needs the true derivatives, which are known only in a rollout.
         finds_disturbance: whether it writes the disturbance of each joint, the acceleration that represents what the
             model lacks (rad/s^2), to the column `DISTURBANCE` of x.
-        teaches: whether ``adaptation.*`` can learn from this disturbance: its poles are those of `extended_state`.
+        teaches: which of ``adaptation.*`` can learn from this disturbance, by their full names.
+        poles: the disturbance is as late as one that has passed three real poles, each this many times the bandwidth.
+        velocity_lags: whether the velocity lags where the disturbance changes, as that of `extended_state` does, see
+            `pidtsm_core.control.lacking`.
         prepare: makes p, shape (joints, any), of the packed parameters, shape (joints, SLOTS), of the inertias of the
             rotors, and of the diagonal of the inertia matrix in the middle of the range, shape (joints,) each, kg m^2;
             None: p are the packed parameters.
@@ -44,7 +47,9 @@ class Estimator(Member):
     estimate: Callable[[Sample, Array, Array, Array], None]
     needs_truth: bool = False
     finds_disturbance: bool = False
-    teaches: bool = False
+    teaches: frozenset[str] = frozenset()
+    poles: float = 1.0
+    velocity_lags: bool = False
     prepare: Callable[[Array, Array, Array], Array] | None = None
     rows: Callable[[int], int] | None = None
 

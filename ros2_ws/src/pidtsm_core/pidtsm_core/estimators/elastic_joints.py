@@ -61,6 +61,8 @@ _PERIOD, _AT_LINK, _ROTOR, _STIFFNESS, _DAMPING, _TO_P, _TO_DP, _TO_D, _TO_TWIST
 # State of a joint beside p, p' and d: 1 after the first sample, rad, rad/s.
 _KNOWN, _TWIST, _RATE = 3, 4, 5
 
+_POLES = 1.5
+"""Its Butterworth pattern delays the disturbance by 2 / bandwidth; so do three real poles at 1.5 times that."""
 _ABSURD = 1e9  # rad, rad/s or rad/s^2; far above the values of any arm, far below overflow
 _STEP = 5e-4  # s; longest step of the prediction between two samples
 _SILENCE = 1.0  # s; after a longer gap between samples the motion of the arm is unknown
@@ -230,6 +232,9 @@ ELASTIC_JOINT_OBSERVER = Estimator(
     parameters=_PARAMETERS,
     estimate=estimate,
     finds_disturbance=True,
+    # Springs look like lateness.
+    teaches=frozenset({"adaptation.friction"}),
+    poles=_POLES,
     prepare=_prepare,
     rows=_rows,
 )

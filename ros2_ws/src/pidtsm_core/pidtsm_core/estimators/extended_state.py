@@ -107,5 +107,6 @@ EXTENDED_STATE_OBSERVER = Estimator(
     ),
     estimate=estimate,
     finds_disturbance=True,
-    teaches=True,
+    teaches=frozenset({"adaptation.friction", "adaptation.lateness", "adaptation.softening"}),
+    velocity_lags=True,
 )

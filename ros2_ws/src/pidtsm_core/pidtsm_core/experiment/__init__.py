@@ -318,7 +318,7 @@ def practical_settings(
         law: name of the law; None: the default law.
         settings: of the experiment without this set; the arm and the rate matter, and with a class the simulator.
         hardware: the class; None: none.
-        adapts: the observer must be one from which the controller can learn.
+        adapts: on hardware, the gains also suit a controller that learns friction.
 
     Raises:
         UsageError: there is no rule for the law, or the arm cannot be used.
@@ -326,7 +326,7 @@ def practical_settings(
     controller = settings["controller"]
     name = law or str(LAW_NAME.default)
     if hardware is not None:
-        gains = hardware_gains(controller, settings["simulator"], name, knows_springs=not adapts)
+        gains = hardware_gains(controller, settings["simulator"], name, learns_friction=adapts)
         return {"controller": {gain.name: gain.value for gain in gains}}
     if _robot(settings) == DEFAULT_ROBOT and name == LAW_NAME.default:
         return load_ros_parameters(PRACTICAL_FILE)

@@ -1,6 +1,7 @@
 """The gains of `first_gains` for the hardware that a simulated arm has, not for one that is assumed."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +42,7 @@ def hardware_gains(
     simulator: Mapping[str, object],
     law: str = str(LAW_NAME.default),
     knows_springs: bool = True,
+    learns_friction: bool = False,
 ) -> tuple[Gain, ...]:
     """Gains of a law for an arm and for the sensors, drives and gears that its simulator has.
 
@@ -53,6 +55,7 @@ def hardware_gains(
         simulator: likewise.
         law: its name.
         knows_springs: without, the observer takes elastic joints for rigid ones.
+        learns_friction: the gains shall also suit ``adaptation.friction: learn``.
 
     Raises:
         UsageError: see `first_gains`; also (`ParameterError`) a refused parameter of the simulator.
@@ -68,6 +71,7 @@ def hardware_gains(
     observed = knows_springs and rejects(law) and bool(stiffness.any()) and _lets_observe(controller, on_motor)
     damping = joint_array(used["elasticity.damping"], joints)
     drives = make_drives(rate, delay, lag, Drivetrain(rotor, stiffness, damping, on_motor), observed)
+    drives = replace(drives, corrected=learns_friction)
     bits = int(as_float(used["encoder.bits"]))
     gains = first_gains(controller, bits, delay / rate + drives.lag, rate, law, drives)
     friction = joint_array(used["friction.coulomb"], joints) * (1.0 + 0.5 * as_float(used["friction.cold"]))

@@ -27,6 +27,7 @@ class _Margin(NamedTuple):
     later: int = 0  # samples by which everything is later
     stiffness: float = 1.0  # factor of that of the gears
     rotor: float = 1.0  # factor of the inertia of the rotors
+    corrected: bool = False  # the law sees a corrected velocity, see `Drives`
 
 
 GAIN = 1.5
@@ -56,6 +57,8 @@ class Drives:
         on_motor: the encoders measure the motors.
         observed: the observer knows the springs.
         ahead: samples by which the controller predicts if they are.
+        corrected: where the observer does not know the springs, the law may see a velocity that is corrected because
+            friction is learnt, see `pidtsm_core.control.lacking`.
     """
 
     period: float
@@ -67,6 +70,7 @@ class Drives:
     on_motor: bool
     observed: bool = False
     ahead: int = 0
+    corrected: bool = False
 
 
 def bandwidths(drives: Drives, inertias: list[Array], fastest: Array) -> Array:
@@ -84,7 +88,13 @@ def bandwidths(drives: Drives, inertias: list[Array], fastest: Array) -> Array:
 
     # The matrices are small: several threads of BLAS wait for each other, on a busy machine six times as long.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _raised(_judge(drives, inertias, (*_MARGINS, *_OF_SPRINGS) if drives.observed else _MARGINS), fastest)
+        return _raised(_judge(drives, inertias, _margins(drives)), fastest)
+
+
+def _margins(drives: Drives) -> tuple[_Margin, ...]:
+    if drives.observed:
+        return (*_MARGINS, *_OF_SPRINGS)
+    return (*_MARGINS, *(each._replace(corrected=True) for each in _MARGINS if drives.corrected))
 
 
 def _raised(keeps: Callable[[Array], bool], fastest: Array) -> Array:
@@ -107,7 +117,7 @@ def _raised(keeps: Callable[[Array], bool], fastest: Array) -> Array:
 
 def is_stable(drives: Drives, inertias: list[Array], bandwidth: Array) -> bool:
     """Whether the loop with these bandwidths, shape (joints,), rad/s, is stable without margins; see `bandwidths`."""
-    return _judge(drives, inertias, (_Margin(),))(bandwidth)
+    return _judge(drives, inertias, (_Margin(corrected=drives.corrected and not drives.observed),))(bandwidth)
 
 
 def _judge(drives: Drives, inertias: list[Array], margins: Sequence[_Margin]) -> Callable[[Array], bool]:
@@ -186,18 +196,25 @@ def _closed(
 ) -> Array:
     """Matrix of the closed loop.
 
-    Its states are those of the plant, the measurements on their way, the observer's, and the last commands. The law is
-    linear, with a double pole, and rejects the disturbance.
+    Its states are those of the plant, the measurements on their way, the observer's, the corrections of the velocity,
+    and the last commands. The law is linear, with a double pole, and rejects the disturbance.
     """
     (a, b, c), joints, period = plant, bandwidth.size, drives.period
     ahead = drives.ahead if drives.observed else 0
-    begins = np.cumsum([a.shape[0], joints * (drives.delay + margin.later), observer.predicts.shape[0]])
-    moving, waiting, observed = slice(0, begins[0]), slice(begins[0], begins[1]), slice(begins[1], begins[2])
-    every = np.eye(begins[2] + joints * ahead)
+    corrected = joints if margin.corrected else 0
+    begins = np.cumsum([a.shape[0], joints * (drives.delay + margin.later), observer.predicts.shape[0], corrected])
+    moving, waiting = slice(0, begins[0]), slice(begins[0], begins[1])
+    observed, correcting = slice(begins[1], begins[2]), slice(begins[2], begins[3])
+    every = np.eye(begins[3] + joints * ahead)
     measured = np.vstack([c @ every[moving], every[waiting]])  # The newest one first.
     known = every[observed] + observer.corrects @ (measured[-joints:] - observer.measured @ every[observed])
-    commands = every[begins[2] :].reshape(ahead, joints, every.shape[1])  # Likewise.
+    commands = every[begins[3] :].reshape(ahead, joints, every.shape[1])  # Likewise.
     position, velocity = _ahead(observer, known, np.linalg.inv(inertia) @ commands, period)
+    correction = every[correcting]
+    if corrected:
+        lags = 3.0 * bandwidth[:, np.newaxis] * (measured[-joints:] - observer.position @ known)
+        correction = correction - np.expm1(-bandwidth * period)[:, np.newaxis] * (lags - correction)
+        velocity = velocity + correction
     rate = _POLES * bandwidth[:, np.newaxis]
     effort = inertia @ (-(rate**2) * position - 2.0 * rate * velocity - observer.disturbance @ known)
     acting = commands[-1] if ahead else effort
@@ -206,6 +223,7 @@ def _closed(
             a @ every[moving] + margin.gain * b @ effort,
             measured[:-joints],
             observer.predicts @ known + observer.driven @ acting,
+            correction,
             *([effort, *commands[:-1]] if ahead else []),
         ]
     )

@@ -133,13 +133,24 @@ def test_laws_that_reject_no_disturbance_keep_the_rigid_one(law: str) -> None:
     assert values["estimator.name"] == "extended_state_observer"
 
 
-def test_what_adapts_learns_from_the_observer_that_teaches() -> None:
+def test_what_adapts_knows_the_springs_but_does_not_take_them_for_late_drives() -> None:
     values = make_experiment(None, robot="ur5", hardware="geared", params="adaptive").values["controller"]
-    assert values["estimator.name"] == "extended_state_observer"
-    with pytest.raises(ParameterError, match="must be extended_state_observer, not elastic_joint_observer"):
-        make_experiment(
-            None, robot="ur5", hardware="geared", overrides={"controller": {"adaptation.friction": "learn"}}
-        )
+    assert values["estimator.name"] == "elastic_joint_observer"
+    assert values["adaptation.friction"] == "learn"
+    for unknown, how in {"adaptation.lateness": "learn", "adaptation.softening": "act"}.items():
+        with pytest.raises(ParameterError, match=f"{unknown}: .* extended_state_observer, not elastic_joint_observer"):
+            make_experiment(None, robot="ur5", hardware="geared", overrides={"controller": {unknown: how}})
+
+
+def test_learning_friction_keeps_the_margins_where_the_observer_does_not_know_the_springs() -> None:
+    adapts, practical = (
+        make_experiment(None, None, 12.0, params, hardware="collaborative") for params in ("adaptive", PRACTICAL)
+    )
+    slower, usual = (
+        np.array(each.values["controller"]["estimator.bandwidth"], np.float64) for each in (adapts, practical)
+    )
+    assert (slower < usual).all()
+    assert np.abs(rollout(adapts).error[5000:]).max() < 1.1 * np.abs(rollout(practical).error[5000:]).max()
 
 
 def test_stiffer_gears_allow_faster_observers_up_to_those_of_a_rigid_arm() -> None:

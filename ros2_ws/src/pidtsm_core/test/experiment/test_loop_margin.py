@@ -18,6 +18,8 @@ STIFFNESS, DAMPING, LAG, RATE = 5000.0, 2.0, 0.001, 500
 
 KNOWN = pytest.mark.parametrize(("observed", "ahead"), [(False, 0), (True, 0), (True, 2)])
 
+LEARNS = {"adaptation.friction": "learn", "compensation.coulomb": [0.02 * each for each in [87.0] * 4 + [12.0] * 3]}
+"""As much friction as with which the velocity is corrected fully."""
 KNOWS = {
     "estimator.name": "elastic_joint_observer",
     "estimator.stiffness": STIFFNESS,
@@ -37,7 +39,7 @@ def drives(observed: bool = False, ahead: int = 0) -> tuple[Drives, Array]:
     return made, robot.inertia_matrix(model, np.array(robot.initial_position))
 
 
-def growth(bandwidth: float, observed: bool, ahead: int) -> float:
+def growth(bandwidth: float, observed: bool, ahead: int, corrected: bool) -> float:
     """How much a small error of a rollout grows from its first to its second half."""
     experiment = make_experiment(
         None,
@@ -60,6 +62,7 @@ def growth(bandwidth: float, observed: bool, ahead: int) -> float:
                 "law.kp": (0.25 * bandwidth) ** 2,
                 "law.kd": 0.5 * bandwidth,
                 "compensation.viscous": 0.0,
+                **(LEARNS if corrected else {}),
             },
             "trajectory": {"reference.amplitude": 0.0},
         },
@@ -70,13 +73,18 @@ def growth(bandwidth: float, observed: bool, ahead: int) -> float:
     return float(speed[1500:].max() / speed[500:1000].max())
 
 
-@pytest.mark.parametrize(("observed", "ahead", "near"), [(False, 0, 0.07), (True, 0, 0.07), (True, 2, 0.15)])
+@pytest.mark.parametrize(
+    ("observed", "ahead", "corrected", "near"),
+    [(False, 0, False, 0.07), (False, 0, True, 0.02), (True, 0, False, 0.07), (True, 2, False, 0.15)],
+)
 def test_the_bandwidth_at_which_it_becomes_unstable_is_that_of_a_rollout(
-    observed: bool, ahead: int, near: float
+    observed: bool, ahead: int, corrected: bool, near: float
 ) -> None:
     made, inertia = drives(observed, ahead)
+    made = replace(made, corrected=corrected)
     critical = brentq(lambda w: 1.0 if is_stable(made, [inertia], np.full(7, w)) else -1.0, 5.0, 500.0, xtol=0.1)
-    assert growth((1.0 - near) * critical, observed, ahead) < 1.0 < growth((1.0 + near) * critical, observed, ahead)
+    below, above = (growth(each * critical, observed, ahead, corrected) for each in (1.0 - near, 1.0 + near))
+    assert below < 1.0 < above
 
 
 @KNOWN
