@@ -7,7 +7,8 @@ the arms have one or two faults. For each arm: which faults were named, what was
 moved beyond its limits and in the first step, and the tracking error of the set that the session keeps, relative to
 that of `practical` with the wrong description, and to that of gains made with the true description and hardware. Both
 are the geometric mean over the joints, on the motion of the last step. Arms that are in the file already are not
-repeated; without `--arms`, the file is only summed up.
+repeated; without `--arms`, the file is only summed up. With `--scenes`, each arm with shapes stands on a floor between
+three boxes, which the session knows, and MuJoCo tells how hard it touches them.
 """
 
 import argparse
@@ -29,7 +30,10 @@ from pidtsm_core.experiment import make_experiment
 from pidtsm_core.experiment.definition import MEASUREMENT
 from pidtsm_core.experiment.hardware_classes import hardware_settings
 from pidtsm_core.experiment.hardware_gains import hardware_gains
+from pidtsm_core.parameters import ParameterError
+from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_core.simulation.clearance import Clearance
 from pidtsm_studies.commissioning.arm import CommissionError, Measured, Wiring
 from pidtsm_studies.commissioning.compare import own_motion
 from pidtsm_studies.commissioning.gains import errors
@@ -198,11 +202,13 @@ class WatchedArm(SimulatedArm):
         limits: positions, shape (2, joints).
         beyond: of each step so far, how far a joint was beyond its limits, rad or m.
         way: of each step so far, how far a joint was from where it began, likewise.
+        force: of each step so far, the largest force of a contact, N.
     """
 
     limits: Array = field(default_factory=lambda: np.zeros((2, 0)))
     beyond: dict[int, float] = field(default_factory=dict)
     way: dict[int, float] = field(default_factory=dict)
+    force: dict[int, float] = field(default_factory=dict)
 
     def port(self, step: int) -> SimulatedPort:
         """See `SimulatedArm`."""
@@ -213,7 +219,7 @@ class _WatchedPort(SimulatedPort):
     def __init__(self, arm: WatchedArm, step: int) -> None:
         super().__init__(arm, step)
         self._arm, self._step, self._start = arm, step, self.truth.copy()
-        arm.beyond[step], arm.way[step] = 0.0, 0.0
+        arm.beyond[step], arm.way[step], arm.force[step] = 0.0, 0.0, 0.0
 
     def sense(self) -> Measured | None:
         """See `SimulatedPort`."""
@@ -221,12 +227,39 @@ class _WatchedPort(SimulatedPort):
         beyond = float(np.maximum(lower - self.truth, self.truth - upper).max())
         self._arm.beyond[self._step] = max(self._arm.beyond[self._step], beyond)
         self._arm.way[self._step] = max(self._arm.way[self._step], float(np.abs(self.truth - self._start).max()))
+        felt = [float(np.linalg.norm(wrench[:3])) for wrench in self._robot.contacts().values()]
+        self._arm.force[self._step] = max([self._arm.force[self._step], *felt])
         return super().sense()
 
 
-def commissioned(seed: int, folder: Path) -> dict[str, Any]:
+def written_scene(arm: dict[str, Any], seed: int, folder: Path) -> Path | None:
+    """Boxes, on a floor if the arm is above it, none nearer than 5 cm where the arm begins; None: it has no shapes."""
+    random, home = np.random.default_rng(seed), np.array(find_robot(arm).initial_position)
+    floor = '<geom name="floor" type="plane" size="3 3 0.1" pos="0 0 -0.05"/>'
+    for attempt in range(100):
+        boxes = ""
+        for k in range(3):
+            away, angle, high = random.uniform(0.3, 1.0), random.uniform(-np.pi, np.pi), random.uniform(0.1, 1.0)
+            place = f"{away * np.cos(angle):.3f} {away * np.sin(angle):.3f} {high:.3f}"
+            boxes += f'<geom name="box{k}" type="box" size="0.1 0.1 0.1" pos="{place}"/>'
+        scene = folder / "scene.xml"
+        below = floor if attempt < 50 else ""
+        scene.write_text(f"<mujoco><worldbody>{below}{boxes}</worldbody></mujoco>", encoding="utf-8")
+        try:
+            clearance = Clearance(arm, str(scene), home, 0.05)
+        except ParameterError:
+            return None
+        if clearance.is_clear(home):
+            return scene
+    return None
+
+
+def commissioned(seed: int, folder: Path, in_scene: bool = False) -> dict[str, Any]:
     """Commission one arm in a folder, and judge the result."""
     blind = blind_arm(seed, folder)
+    scene = written_scene(blind.true, seed, folder) if in_scene else None
+    if scene:
+        blind.settings.update({"engine": "mujoco", "scene": str(scene)})
     result: dict[str, Any] = {"seed": seed, "arm": blind.name, "hardware": blind.hardware, "faults": blind.faults}
     arm = blind.user.settings()
     before = make_experiment(
@@ -237,7 +270,8 @@ def commissioned(seed: int, folder: Path) -> dict[str, Any]:
         purpose=MEASUREMENT._replace(nodes=("controller",)),
     ).settings["controller"]
     begin = time.process_time()
-    session = Session.opened(folder / "session", Subject(arm, before, None, blind.user.described))
+    subject = Subject(arm, before, None, blind.user.described, str(scene or ""))
+    session = Session.opened(folder / "session", subject)
     robot = blind.user.robot()
     given = robot.position_limits
     everything = np.full(len(blind.wiring.effort), np.inf)
@@ -249,6 +283,7 @@ def commissioned(seed: int, folder: Path) -> dict[str, Any]:
         result["failed"] = f"{session.missing[0]}: {error}"
     result["seconds"] = time.process_time() - begin
     result["beyond"], result["way"] = max(source.beyond.values()), source.way[0]
+    result["force"] = max(source.force.values()) if scene else None
     problems = [text for step in session.found.values() for text in step["problems"]]
     problems += [result["failed"]] if "failed" in result else []
     result["problems"] = problems
@@ -308,6 +343,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arms", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="seed of the first arm")
+    parser.add_argument("--scenes", action="store_true", help="between boxes, on MuJoCo")
     parser.add_argument("--out", type=Path, default=Path("results/commissioning.jsonl"))
     options = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -318,7 +354,7 @@ def main() -> None:
         for seed in range(options.first, options.first + options.arms):
             if seed not in results:
                 with tempfile.TemporaryDirectory() as temporary:
-                    results[seed] = commissioned(seed, Path(temporary))
+                    results[seed] = commissioned(seed, Path(temporary), options.scenes)
                 print(json.dumps(results[seed]), file=file, flush=True)
     _sum_up(list(results.values()))
 
@@ -340,6 +376,9 @@ def _sum_up(results: Sequence[dict[str, Any]]) -> None:
         f"farthest in the first step {max(each['way'] for each in results):.3f}, beyond limits "
         f"{max(each['beyond'] for each in results):.3f} rad or m"
     )
+    forces = [each["force"] for each in results if each.get("force") is not None]
+    if forces:
+        print(f"in scenes: {np.count_nonzero(forces)} of {len(forces)} touched something, at most {max(forces):.1f} N")
     ratios = np.array([each["ratio"] if each["better"] and each["ratio"] else 1.0 for each in done])
     better = np.array([each["better"] for each in done])
     truths = np.array([each["to_truth"] for each in done if "to_truth" in each])

@@ -118,16 +118,8 @@ def make_models(
     """
     robot, scene = find_robot(values), str(values[SCENE.name])
     packed = robot.pack_model(values, factors=factors)
-    try:
-        arm = _bodies(robot, packed, factors, touchable=bool(scene) or shown)
-        if shown:
-            add_skeleton(arm)
-        elif scene:
-            _check_shapes(arm)
-        compile_spec(arm)  # An error of the arm is not one of the scene.
-    except DescriptionError as error:
-        raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
-    prefix = _OF_ARM if scene else ""
+    arm = _arm(robot, packed, factors, touches=bool(scene), shown=shown)
+    prefix = of_arm(scene)
     try:
         spec = _placed(scene, arm, payload_of(values)) if scene else arm
         if shown:
@@ -150,6 +142,46 @@ def make_models(
         _motors(empty, robot, drives),
         empty.body(DROPPED).id if scene else 0,
     )
+
+
+def shapes_in_scene(values: Mapping[str, Value]) -> Any:
+    """The arm with its shapes, alone or in its scene, of type ``mujoco.MjSpec``.
+
+    Args:
+        values: every parameter of `plant_schema`, as returned by `resolve`.
+
+    Raises:
+        ParameterError: see `make_models`; also, the arm has no shapes.
+    """
+    robot, scene, factors = find_robot(values), str(values[SCENE.name]), {"length": 1.0, "mass": 1.0, "inertia": 1.0}
+    arm = _arm(robot, robot.pack_model(values), factors, touches=True, shown=False)
+    try:
+        return _placed(scene, arm, payload_of(values)) if scene else arm
+    except DescriptionError as error:
+        raise ParameterError(f"{SCENE.name}: {scene}: {error}", SCENE.name) from None
+
+
+def of_arm(scene: str) -> str:
+    """What precedes the names of the arm's bodies and joints in a scene; in an empty one, nothing."""
+    return _OF_ARM if scene else ""
+
+
+def _arm(robot: Robot, packed: Array, factors: Mapping[str, float], touches: bool, shown: bool) -> Any:
+    """The arm alone, of type ``mujoco.MjSpec``.
+
+    Raises:
+        ParameterError: MuJoCo cannot simulate it, or it shall touch something and has no shapes.
+    """
+    try:
+        arm = _bodies(robot, packed, factors, touchable=touches or shown)
+        if shown:
+            add_skeleton(arm)
+        elif touches:
+            _check_shapes(arm)
+        compile_spec(arm)  # An error of the arm is not one of the scene.
+    except DescriptionError as error:
+        raise ParameterError(f"{DESCRIPTION.name}: {error}", DESCRIPTION.name) from None
+    return arm
 
 
 def _check_shapes(arm: Any) -> None:

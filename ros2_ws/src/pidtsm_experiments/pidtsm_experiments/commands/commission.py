@@ -18,6 +18,7 @@ from pidtsm_core.parameters import resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
 from pidtsm_core.robots import find_robot
 from pidtsm_core.robots.definition import ArmDefinition
+from pidtsm_core.simulation.mujoco_model import SCENE
 from pidtsm_experiments.commands.arm_options import read_arm
 from pidtsm_experiments.commands.nodes_start import remaps
 from pidtsm_experiments.commands.options import CONSOLE, add_experiment_arguments, experiment_of
@@ -70,6 +71,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE.csv",
         help="what the arm is for, as reference.file has it, from rest to rest (default: all joints swing a little)",
+    )
+    parser.add_argument(
+        "--scene",
+        type=Path,
+        metavar="FILE.xml",
+        help="MJCF file of what is around the arm, which motions keep clear of (default: simulator.scene; they keep "
+        "clear of the arm itself in any case)",
     )
     parser.add_argument("--from", dest="first", choices=NAMES, help="repeat this step and all later ones, and compare")
     parser.add_argument("--yes", action="store_true", help="do not ask before each step (simulated arms only)")
@@ -163,7 +171,8 @@ def _subject(options: argparse.Namespace, experiment: Experiment, definition: Ar
     arm = definition.settings()
     before = {**experiment.settings["controller"], **arm}
     motion = None if options.motion is None else _motion(options.motion, find_robot(arm).joints)
-    return Subject(arm, before, motion, definition.described)
+    scene = str(experiment.settings["simulator"].get(SCENE.name, "")) if options.scene is None else str(options.scene)
+    return Subject(arm, before, motion, definition.described, scene and str(Path(scene).absolute()))
 
 
 def _motion(file: Path, joints: tuple[str, ...]) -> Motion:

@@ -18,6 +18,7 @@ from pidtsm_studies.commissioning.elastic_joints import Side
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import Motion
+from pidtsm_studies.commissioning.room import Room
 
 CAUTIOUS_BITS, CAUTIOUS_DELAY = 12, 0.008
 """Resolution and delay (s) that are assumed until they are measured: gains for them are low."""
@@ -111,6 +112,7 @@ class Bench:
         found: figures of the steps that are done, by name.
         tell: called with what a step finds on its way.
         described: the description of the arm as its user has it.
+        room: where the arm may move.
         firmness: share of the bandwidth of the rule with which the arm has followed so far.
         assumes_rotors: whether the arm has followed only with rotors assumed where none are known.
     """
@@ -123,6 +125,7 @@ class Bench:
     found: Mapping[str, Mapping[str, Any]]
     tell: Callable[[str], None]
     described: Callable[[], Description]
+    room: Room
     firmness: float = CAUTION
     assumes_rotors: bool = False
     _rules: dict[bool, tuple[Gain, ...]] = field(default_factory=dict, init=False)
@@ -140,8 +143,9 @@ class Bench:
             again: the same, when it is tried again.
 
         Raises:
-            CommissionError: the arm cannot be followed.
+            CommissionError: the arm cannot be followed, or would touch something.
         """
+        self.room.check(self.home, motion)
         try:
             return self._follow(motion, velocity, error, again)
         except StoppedError as reason:
@@ -253,9 +257,17 @@ class Bench:
         return float(self.found.get("rest", {}).get("rate", 1.0 / self.loop.period))
 
     def reach(self, model: ArmModel, most: float) -> Array:
-        """How far each joint may move to either side of home, shape (joints,), rad or m."""
-        room = _INSIDE * np.minimum(model.upper - self.home, self.home - model.lower)
-        return np.asarray(np.clip(room, 0.0, np.where(model.slides, _SLIDING * most, most)))
+        """How far each joint may move to either side of home, shape (joints,), rad or m.
+
+        Args:
+            model: the arm.
+            most: no joint that turns moves farther, rad.
+
+        Raises:
+            CommissionError: see `Room.reach`.
+        """
+        inside = _INSIDE * np.minimum(model.upper - self.home, self.home - model.lower)
+        return self.room.reach(self.home, np.clip(inside, 0.0, np.where(model.slides, _SLIDING * most, most)))
 
     def bandwidth(self) -> Array:
         """Bandwidth of the observer by the rule, for what was measured so far, shape (joints,), rad/s."""

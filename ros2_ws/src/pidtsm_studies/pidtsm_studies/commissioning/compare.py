@@ -43,6 +43,7 @@ def run(bench: Bench) -> Outcome:
     new = bench.controller(bandwidth, max(fast, 1.0))
     guards = bench.safeguards(max(fast, 1.0))
     sets = {OLD: {**bench.before, **guards}, NEW: new}
+    bench.room.check(bench.home, motion)
     error: dict[str, list[Array]] = {name: [] for name in sets}
     rough: dict[str, list[Array]] = {name: [] for name in sets}
     failed: dict[str, str] = {}

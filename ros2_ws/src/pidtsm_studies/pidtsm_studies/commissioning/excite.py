@@ -55,10 +55,7 @@ def plan(bench: Bench) -> Plan:
     """See `session.STEPS`."""
     model = bench.model(identified=False)
     reach = bench.reach(model, _REACH)
-    text = (
-        f"All joints swing for {DURATION:.0f} s, within {_REACH:g} rad of where they are now, at up to {_QUICK:g} "
-        "rad/s. The motion knows nothing of collisions: look that there is room"
-    )
+    text = f"All joints swing for {DURATION:.0f} s, within {_REACH:g} rad of here, at up to {_QUICK:g} rad/s."
     return Plan(text, reach, model.effort, DURATION)
 
 

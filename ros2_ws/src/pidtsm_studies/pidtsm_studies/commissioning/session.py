@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,6 +19,7 @@ from pidtsm_studies.commissioning.catch import FARTHEST
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import Motion
+from pidtsm_studies.commissioning.room import Room
 from pidtsm_studies.commissioning.signs import Signs
 
 STATE, SAMPLES = "session.json", "samples"
@@ -77,12 +79,14 @@ class Subject:
         before: all parameters that the user had before.
         motion: what the arm is for; None: one about its home.
         described: its description.
+        scene: path of the MJCF file of what is around it; empty: not known.
     """
 
     arm: Mapping[str, Any]
     before: Mapping[str, Any]
     motion: Motion | None
     described: Callable[[], Description]
+    scene: str = ""
 
 
 class RefusedError(Exception):
@@ -168,7 +172,8 @@ class Session:
                 bench = self.bench(source.follower(NAMES.index(name), self._wiring()), tell)
                 if light := bench.too_light():
                     raise CommissionError(f"no controller moves this arm: {light}")
-                if not ask(name, STEPS[name].plan(bench)):
+                plan = STEPS[name].plan(bench)
+                if not ask(name, replace(plan, text=f"{plan.text.rstrip('.')}. {bench.room.sentence(bench.home)}")):
                     raise RefusedError
                 try:
                     outcome = STEPS[name].run(bench)
@@ -238,8 +243,12 @@ class Session:
         home = np.array(figures[_FIRST]["home"])
         known = [each for each in figures.values() if FIRMNESS in each]
         firmness, assumed = (known[-1][FIRMNESS], known[-1].get(ASSUMED, False)) if known else (CAUTION, False)
-        told = (subject.arm, subject.before, subject.motion, home, loop, figures, tell, subject.described)
+        told = (subject.arm, subject.before, subject.motion, home, loop, figures, tell, subject.described, self._room)
         return Bench(*told, float(firmness), assumed)
+
+    @cached_property
+    def _room(self) -> Room:
+        return Room(self.subject.arm, self.subject.scene)
 
     def _add(self, name: str, outcome: Outcome) -> None:
         self._keep_samples(outcome.samples)
@@ -291,4 +300,6 @@ def _plain(subject: Subject) -> Any:
     """What must be the same when a session goes on, as JSON has it."""
     motion = None if subject.motion is None else subject.motion.states[0].tolist()
     content = {"arm": dict(subject.arm), "before": dict(subject.before), "motion": motion}
+    if subject.scene:
+        content["scene"] = subject.scene
     return json.loads(json.dumps(content, default=list))

@@ -15,6 +15,7 @@ from pidtsm_studies.commissioning.arm import CommissionError, StoppedError
 from pidtsm_studies.commissioning.bench import CAUTION, Bench
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.motions import Motion, rest
+from pidtsm_studies.commissioning.room import Room
 
 DEFINITION = ArmDefinition("scara")
 HOME = np.zeros(4)
@@ -50,7 +51,8 @@ class _Arm:
 
 def bench(arm: _Arm, told: list[str], firmness: float = CAUTION, definition: ArmDefinition = DEFINITION) -> Bench:
     settings = definition.settings()
-    result = Bench(settings, settings, None, HOME, arm, {}, told.append, definition.described, firmness)
+    room = Room(settings, "")
+    result = Bench(settings, settings, None, HOME, arm, {}, told.append, definition.described, room, firmness)
     arm.rule = result.bandwidth()
     return result
 

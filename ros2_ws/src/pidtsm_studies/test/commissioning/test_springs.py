@@ -16,6 +16,7 @@ from pidtsm_studies.commissioning.arm import Wiring
 from pidtsm_studies.commissioning.bench import Bench
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.motions import STEP, Motion
+from pidtsm_studies.commissioning.room import Room
 from pidtsm_studies.commissioning.session import NAMES, RefusedError, Session, Subject
 from pidtsm_studies.commissioning.simulated import SimulatedArm
 
@@ -67,7 +68,8 @@ class _Unrelated:
 
 def test_what_explains_nothing_is_not_believed() -> None:
     known = {"rest": {"noise": [1e-5] * 4, "step": [0.0] * 4, "rate": 1.0 / STEP, "bits": 16}}
-    bench = Bench(ARM, BEFORE, None, np.zeros(4), _Unrelated(), known, lambda _: None, DEFINITION.described)
+    told = (known, lambda _: None, DEFINITION.described, Room(ARM, ""))
+    bench = Bench(ARM, BEFORE, None, np.zeros(4), _Unrelated(), *told)
     outcome = springs.run(bench)
     assert outcome.problems == ["neither rigid nor elastic joints explain how the arm moves"]
     assert not outcome.parameters
