@@ -25,7 +25,8 @@ class Clearance:
 
     The shapes of a URDF are its collision elements, else its visual ones. Parts of the arm with at most two joints
     between them, and those that are near each other at home, are not judged: shapes overlap at joints, and the limits
-    of joints keep neighbours apart.
+    of joints keep neighbours apart. Nor is the first moving link against shapes of the scene that it is near at home:
+    it is mounted there.
 
     Attributes:
         scene: path of the MJCF file of the surroundings; empty: there are none.
@@ -63,12 +64,22 @@ class Clearance:
         self._mujoco, self._model, self._distance = load_mujoco(), compile_spec(spec), distance
         self._data = self._mujoco.MjData(self._model)
         self._places = [int(self._model.joint(prefix + name).qposadr[0]) for name in robot.joints]
-        self._own = [self._model.body(body).name.startswith(prefix) and body > 0 for body in range(self._model.nbody)]
+        bodies = range(self._model.nbody)
+        # Without a scene, even what stands still is the arm's.
+        self._own = [not scene or (body > 0 and self._model.body(body).name.startswith(prefix)) for body in bodies]
         self._beside: set[tuple[int, int]] = set()
-        bodies = (self._bodies(pair) for pair in self._near(home, distance))
-        self._beside = {(a, b) for a, b in bodies if self._own[a] and self._own[b]}
-        grandparents = self._model.body_parentid[self._model.body_parentid]
-        self._beside |= {(int(grandparents[body]), body) for body in range(self._model.nbody) if self._own[body]}
+        self._mounted: set[tuple[int, int]] = set()
+        parents = self._model.body_parentid
+        near = self._near(home, distance)
+        # A pair of a body and what stands still would leave out all of the scene.
+        of_two_joints = [(int(parents[parents[body]]), body) for body in bodies]
+        self._beside |= {(a, b) for a, b in of_two_joints if self._own[a] and self._own[b]}
+        for pair in near:
+            a, b = self._bodies(pair)
+            if self._own[a] and self._own[b]:
+                self._beside.add((a, b))
+            elif any(self._own[body] and self._model.body_weldid[parents[body]] == 0 for body in (a, b)):
+                self._mounted.add(pair)
 
     def _near(self, q: Array, distance: float) -> list[tuple[int, int]]:
         """Shapes that are nearer to each other at q than a distance (m), except of bodies beside each other."""
@@ -76,8 +87,8 @@ class Clearance:
         data.qpos[self._places] = q
         self._mujoco.mj_kinematics(model, data)
         self._mujoco.mj_collision(model, data)
-        pairs = [(int(a), int(b)) for a, b in data.contact.geom[data.contact.dist < distance]]
-        return [pair for pair in pairs if self._bodies(pair) not in self._beside]
+        pairs = [(int(min(each)), int(max(each))) for each in data.contact.geom[data.contact.dist < distance]]
+        return [pair for pair in pairs if pair not in self._mounted and self._bodies(pair) not in self._beside]
 
     def _bodies(self, geoms: tuple[int, int]) -> tuple[int, int]:
         """Those of two shapes, the smaller index first."""

@@ -16,7 +16,8 @@ from pidtsm_core.experiment import PRACTICAL, Experiment
 from pidtsm_core.experiment.definition import MEASUREMENT
 from pidtsm_core.parameters import resolve
 from pidtsm_core.references import ReferenceMotion, reference_schema
-from pidtsm_core.robots import find_robot
+from pidtsm_core.robots import DescriptionError, find_robot
+from pidtsm_core.robots.compiler import load_spec
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_core.simulation.mujoco_model import SCENE
 from pidtsm_experiments.commands.arm_options import read_arm
@@ -172,6 +173,11 @@ def _subject(options: argparse.Namespace, experiment: Experiment, definition: Ar
     before = {**experiment.settings["controller"], **arm}
     motion = None if options.motion is None else _motion(options.motion, find_robot(arm).joints)
     scene = str(experiment.settings["simulator"].get(SCENE.name, "")) if options.scene is None else str(options.scene)
+    if scene:  # Before anything moves.
+        try:
+            load_spec(Path(scene))
+        except DescriptionError as error:
+            raise UsageError(f"--scene {scene}: {error}") from None
     return Subject(arm, before, motion, definition.described, scene and str(Path(scene).absolute()))
 
 

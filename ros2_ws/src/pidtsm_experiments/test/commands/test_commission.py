@@ -66,6 +66,7 @@ def test_a_session_finds_what_is_wrong_and_leaves_parameters_that_work(
         (["--robot", "scara", "--plant", "--invert", "elbow"], "--invert elbow: must be JOINT"),
         (["--robot", "scara", "--plant"], "somebody must agree"),
         (["--robot", "scara", "--release"], "nothing holds an arm"),
+        (["--robot", "scara", "--plant", "--scene", "absent.xml"], "--scene absent.xml: no such file"),
     ],
 )
 def test_what_would_move_an_arm_without_consent_is_refused(

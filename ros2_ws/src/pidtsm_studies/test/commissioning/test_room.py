@@ -80,6 +80,28 @@ def test_a_motion_into_the_wall_is_refused_and_another_is_not(wall: str) -> None
     Room(PANDA, "").check(HOME, to(0.6))
 
 
+@pytest.mark.parametrize(("radius", "link"), [(0.2, "link1"), (0.45, "link2"), (0.0, "")])
+def test_every_link_keeps_clear_of_a_post(radius: float, link: str, tmp_path: Path) -> None:
+    """The SCARA swings about its base, over which it is mounted; a post stands at 60 degrees, or there is none."""
+    x, y = radius * np.cos(np.pi / 3.0), radius * np.sin(np.pi / 3.0)
+    post = f'<geom name="post" type="box" size="0.03 0.03 0.5" pos="{x} {y} 0.25"/>' if radius else ""
+    file = tmp_path / "post.xml"
+    file.write_text(
+        f'<mujoco><worldbody><geom name="table" type="box" size="0.1 0.1 0.05"/>{post}</worldbody></mujoco>'
+    )
+    scara = ArmDefinition("scara")
+    room, home = Room(scara.settings(), str(file)), np.array(scara.robot().initial_position)
+    swing = straight(home, home + np.array([1.2, 0.0, 0.0, 0.0]), np.ones(4), np.full(4, 4.0))
+    free = room.reach(home, np.array([1.2, 0.1, 0.05, 0.1]))
+    if not link:
+        room.check(home, swing)
+        assert free[0] == 1.2
+        return
+    assert free[0] < np.pi / 3.0
+    with pytest.raises(CommissionError, match=f"{link} and post"):
+        room.check(home, swing)
+
+
 def test_a_home_at_the_wall_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "near.xml"
     file.write_text(WALL.replace("0.75 0 0.5", "0.5 0 0.5"), encoding="utf-8")
