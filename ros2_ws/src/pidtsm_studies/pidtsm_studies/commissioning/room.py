@@ -12,8 +12,14 @@ from pidtsm_studies.commissioning.motions import STEP, Motion
 
 _CLEAR, _NEAREST = 0.02, 0.005
 """m; kept where a motion is made, and of the motion itself: the former is judged in single postures."""
+_NARROWER, _NARROWEST = 0.8, 0.25
+"""Shares of the room by which it is narrowed, and that are left at least."""
 _EVERY = 10
 """States of a motion from one that is judged to the next."""
+
+
+class TooNearError(CommissionError):
+    """A motion would touch something."""
 
 
 class Room:
@@ -28,6 +34,7 @@ class Room:
         self._arm, self.scene = arm, scene
         self._clearance: Clearance | None = None
         self._boxes: dict[bytes, Array] = {}
+        self._share = 1.0
         self._cause = ""
 
     def _at(self, home: Array) -> Clearance | None:
@@ -63,23 +70,27 @@ class Room:
             return most
         if key not in self._boxes:
             self._boxes[key] = free_box(clearance, most)
-        return self._boxes[key]
+        return self._share * self._boxes[key]
+
+    def narrow(self) -> bool:
+        """Make motions smaller from now on, as postures did not show what one touches; returns whether they may be."""
+        self._share *= _NARROWER
+        return self._share > _NARROWEST
 
     def check(self, home: Array, motion: Motion) -> None:
         """Check that a motion from home, shape (joints,), rad or m, touches nothing.
 
         Raises:
-            CommissionError: it does.
+            TooNearError: it does.
+            CommissionError: see above.
         """
         clearance = self._at(home)
         if clearance is None:
             return
         for k in range(0, motion.states.shape[1], _EVERY):
             if near := clearance.too_near(motion.states[0, k], _NEAREST):
-                raise CommissionError(
-                    f"the motion would bring {near} nearer to each other than {1e3 * _NEAREST:g} mm after "
-                    f"{STEP * k:.1f} s: begin at another posture (--from signs), or give another --motion"
-                )
+                apart = f"nearer to each other than {1e3 * _NEAREST:g} mm"
+                raise TooNearError(f"the motion would bring {near} {apart} after {STEP * k:.1f} s")
 
     def sentence(self, home: Array) -> str:
         """What is known of collisions about home, shape (joints,), rad or m, for a person who shall agree to a motion.

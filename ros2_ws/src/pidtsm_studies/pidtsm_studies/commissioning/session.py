@@ -19,13 +19,14 @@ from pidtsm_studies.commissioning.catch import FARTHEST
 from pidtsm_studies.commissioning.loop import Samples
 from pidtsm_studies.commissioning.model import ArmModel
 from pidtsm_studies.commissioning.motions import Motion
-from pidtsm_studies.commissioning.room import Room
+from pidtsm_studies.commissioning.room import Room, TooNearError
 from pidtsm_studies.commissioning.signs import Signs
 
 STATE, SAMPLES = "session.json", "samples"
 """Names in the folder of a session."""
 _FORMAT = 2
-_FIRST = "signs"
+_FIRST, _OWN = "signs", "compare"
+"""Names of the step that needs no controller, and of the one in which the arm makes its user's motion."""
 _STUCK = 0.15
 """Share of its torque limit that a joint takes to break away when friction may be why a later step fails."""
 
@@ -176,7 +177,7 @@ class Session:
                 if not ask(name, replace(plan, text=f"{plan.text.rstrip('.')}. {bench.room.sentence(bench.home)}")):
                     raise RefusedError
                 try:
-                    outcome = STEPS[name].run(bench)
+                    outcome = self._done(name, bench)
                     how = {FIRMNESS: bench.firmness, ASSUMED: bench.assumes_rotors}
                     outcome = replace(outcome, figures={**outcome.figures, **how})
                 except CommissionError as reason:
@@ -186,6 +187,18 @@ class Session:
             tell(outcome.verdict)
             for problem in outcome.problems:
                 tell(f"look: {problem}")
+
+    def _done(self, name: str, bench: Bench) -> Outcome:
+        """Do a later step; with smaller motions if one would touch something, unless it is the user's own."""
+        while True:
+            try:
+                return STEPS[name].run(bench)
+            except TooNearError as reason:
+                if name == _OWN and bench.motion is not None:
+                    raise CommissionError(f"{reason}: give another --motion") from None
+                if not bench.room.narrow():
+                    raise CommissionError(f"{reason}: begin at another posture, with --from signs") from None
+                bench.tell(f"{reason}; once more with smaller motions")
 
     def _signs(self, source: Source, ask: Callable[[str, Plan], bool], tell: Callable[[str], None]) -> Outcome:
         model = ArmModel(self.subject.arm)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -10,9 +10,10 @@ from pidtsm_core.errors import UsageError
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.robots.definition import ArmDefinition
 from pidtsm_studies.commissioning.arm import CommissionError
-from pidtsm_studies.commissioning.bench import Plan
+from pidtsm_studies.commissioning.bench import Bench, Outcome, Plan
 from pidtsm_studies.commissioning.model import ArmModel
-from pidtsm_studies.commissioning.session import NAMES, RefusedError, Session, Subject
+from pidtsm_studies.commissioning.room import TooNearError
+from pidtsm_studies.commissioning.session import NAMES, STEPS, RefusedError, Session, Step, Subject
 from pidtsm_studies.commissioning.simulated import SimulatedArm
 
 DEFINITION = ArmDefinition("scara")
@@ -128,3 +129,25 @@ def test_an_arm_in_closed_form_is_commissioned(tmp_path: Path) -> None:
         session.run(plant, lambda step, _: step != "lateness", lambda _: None, lambda _: None)
     assert session.missing == NAMES[2:]
     assert not session.found["rest"]["problems"]
+
+
+@pytest.mark.parametrize(
+    ("tries", "reason"), [(3, None), (9, "A and B are near: begin at another posture, with --from signs")]
+)
+def test_motions_that_would_touch_something_are_made_smaller(
+    tries: int, reason: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Postures that were judged one by one need not show what a motion touches."""
+    reaches: list[float] = []
+
+    def rest_of(bench: Bench) -> Outcome:
+        reaches.append(float(bench.reach(bench.model(), 0.1)[0]))
+        if len(reaches) < tries:
+            raise TooNearError("A and B are near")
+        return Outcome("", {})
+
+    monkeypatch.setitem(cast(dict[str, Step], STEPS), "rest", replace(STEPS["rest"], run=rest_of))
+    session = Session.opened(tmp_path, SUBJECT)
+    with pytest.raises(CommissionError if reason else RefusedError, match=reason):
+        session.run(SIMULATED, _Asked("lateness", None), lambda _: None, lambda _: None)
+    assert reaches[:3] == pytest.approx([0.1, 0.08, 0.064])
