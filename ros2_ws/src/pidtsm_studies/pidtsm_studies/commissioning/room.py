@@ -46,18 +46,19 @@ class Room:
         if self._cause or (self._clearance is not None and (self._clearance.home == home).all()):
             return self._clearance
         try:
-            self._clearance = Clearance(self._arm, self.scene, home, _CLEAR)
+            clearance = Clearance(self._arm, self.scene, home, _CLEAR)
         except ParameterError as error:
             if self.scene:
                 raise CommissionError(str(error)) from None
             self._cause = str(error)
             return None
-        if near := self._clearance.too_near(home, _CLEAR):
+        if near := clearance.too_near(home, _CLEAR):
             raise CommissionError(
                 f"where the arm is now, {near} are nearer to each other than {100.0 * _CLEAR:g} cm: move the arm away, "
                 "and begin again with --from signs"
             )
-        return self._clearance
+        self._clearance = clearance
+        return clearance
 
     def reach(self, home: Array, most: Array) -> Array:
         """How far each joint may be from home, shape (joints,), at most `most`, likewise, rad or m.

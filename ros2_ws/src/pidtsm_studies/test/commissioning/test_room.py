@@ -105,8 +105,10 @@ def test_every_link_keeps_clear_of_a_post(radius: float, link: str, tmp_path: Pa
 def test_a_home_at_the_wall_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "near.xml"
     file.write_text(WALL.replace("0.75 0 0.5", "0.5 0 0.5"), encoding="utf-8")
-    with pytest.raises(CommissionError, match=r"panda_.* and wall are nearer .*: move the arm away"):
-        Room(PANDA, str(file)).sentence(HOME)
+    room = Room(PANDA, str(file))
+    for _ in range(2):
+        with pytest.raises(CommissionError, match=r"panda_.* and wall are nearer .*: move the arm away"):
+            room.sentence(HOME)
 
 
 def test_what_is_known_of_collisions_is_said(wall: str, tmp_path: Path) -> None:
