@@ -131,7 +131,7 @@ def free_box(clearance: Clearance, most: Array) -> Array:
     """
     from scipy.stats import qmc  # Takes long to import.
 
-    inside = qmc.Sobol(most.size, rng=np.random.default_rng(0)).random(_POSTURES // 2)
+    inside = qmc.Sobol(most.size, scramble=False).random(_POSTURES // 2)
     corners = np.random.default_rng(1).choice([-1.0, 1.0], size=(_POSTURES // 2, most.size))
     postures = [np.zeros(most.size), *corners, *(2.0 * inside - 1.0)]
 
