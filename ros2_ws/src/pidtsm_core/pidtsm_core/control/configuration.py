@@ -9,7 +9,14 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control.compliance_parameters import SPACE, ComplianceConfig, make_compliance
-from pidtsm_core.control.parameters import ADAPTATION, LEARNT_LATENESS, REJECTION, ROUGHNESS
+from pidtsm_core.control.parameters import (
+    ADAPTATION,
+    BREAKAWAY,
+    LEARNT_FRICTION,
+    LEARNT_LATENESS,
+    REJECTION,
+    ROUGHNESS,
+)
 from pidtsm_core.estimators import ESTIMATORS, Estimator, estimator_address
 from pidtsm_core.laws import LAWS, LawConfig, make_law
 from pidtsm_core.parameters import ParameterError, Value, as_float, joint_array
@@ -159,6 +166,7 @@ class ControllerConfig(NamedTuple):
     watches: bool  # a joint has a limit of position, velocity or error
     rehearses: bool  # something is rehearsed
     compensates: bool  # a joint has friction or a constant effort that is compensated
+    breaks_away: bool  # what it has learnt at rest is replaced when a joint leaves, see breakaway.py
     offsets: bool  # a joint has a constant effort
     checks_plausibility: bool  # the measurements of a joint are checked for plausibility
     turns: bool  # a joint is continuous
@@ -214,6 +222,7 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
         ),
         rehearses=any(rehearsal),
         compensates=law.uses_model and _any(*compensation),
+        breaks_away=_breaks_away(values, compensation),
         offsets=_any(compensation.offset),
         checks_plausibility=_any(plausible),
         turns=any(robot.continuous),
@@ -339,6 +348,12 @@ def _adaptation(values: Mapping[str, Value], observer: Estimator, joints: int) -
         bandwidth=observer.poles * joint_array(values["estimator.bandwidth"], joints) if learns else np.zeros(joints),
         velocity_lags=observer.velocity_lags,
     )
+
+
+def _breaks_away(values: Mapping[str, Value], compensation: CompensationConfig) -> bool:
+    """Whether joints leave rest as breakaway.py describes: wanted, and friction is compensated."""
+    compensates = _any(compensation.coulomb) or values.get(LEARNT_FRICTION.name) == "learn"
+    return bool(values.get(BREAKAWAY.name, False)) and bool(values.get(REJECTION.name, False)) and compensates
 
 
 def _drive(values: Mapping[str, Value], joints: int) -> DriveConfig:

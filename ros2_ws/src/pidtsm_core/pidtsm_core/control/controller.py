@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.events import first_compilation
+from pidtsm_core.control.breakaway import forget_rests
 from pidtsm_core.control.compliance_parameters import write_stiffness
 from pidtsm_core.control.configuration import ControllerConfig, make_config
 from pidtsm_core.control.findings import Finding, findings
@@ -106,6 +107,7 @@ class Controller:
         self._memory.write(self.memory)
         if not old.adaptation.learns_friction or _differ(old.compensation, self.config.compensation):
             forget_friction(self.state)
+        forget_rests(self.state)
         if not self.config.adaptation.softens:
             self.state.softened[0] = self.state.spared[0] = 0.0
         if self.config.drive.late and not old.drive.late:

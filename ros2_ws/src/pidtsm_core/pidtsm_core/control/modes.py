@@ -1,6 +1,7 @@
 """What the controller does: follow, hold, be free or stop; and how it begins afresh or goes on."""
 
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.breakaway import forget_rests
 from pidtsm_core.control.compliance import forget_compliance
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.desired import begin_at
@@ -64,6 +65,7 @@ def begin_afresh(state: ControllerState) -> None:
             for slot in range(table.shape[1]):
                 table[j, slot] = 0.0
     forget_law(state)
+    forget_rests(state)
     state.status[Status.VIOLATIONS] = 0
     hold_elsewhere(state)
     counts[Count.ANSWERED] = 0

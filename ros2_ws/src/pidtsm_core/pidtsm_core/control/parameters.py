@@ -278,6 +278,11 @@ ROUGHNESS = Parameter(
     maximum=0.1,
     per_joint=True,
 )
+BREAKAWAY = Parameter(
+    "compensation.breakaway",
+    True,
+    "where friction is compensated, joints leave rest with what was learnt in motion, not with what had wound up",
+)
 ADAPTATION = (LEARNT_FRICTION, LEARNT_LATENESS, SOFTENING)
 """What the controller finds out."""
 _TOUCH = 0.25
@@ -378,7 +383,7 @@ def controller_schema(settings: Mapping[str, object]) -> tuple[Parameter, ...]:
     return (
         LAW_NAME,
         *prefixed("law", law.parameters(settings)),
-        *((REJECTION, LEARNT_FRICTION, LEARNT_LATENESS, *DRIVE) if law.uses_model else ()),
+        *((REJECTION, BREAKAWAY, LEARNT_FRICTION, LEARNT_LATENESS, *DRIVE) if law.uses_model else ()),
         *((SOFTENING, ROUGHNESS) if law.softens else ()),
         ESTIMATOR_NAME,
         *prefixed("estimator", estimator.parameters),

@@ -13,6 +13,7 @@ from pidtsm_core.control.bank import Bank, new_bank
 from pidtsm_core.control.compliance_parameters import Compliance, new_compliance
 from pidtsm_core.control.configuration import ControllerConfig, example_config
 from pidtsm_core.control.late_drives import late_drives
+from pidtsm_core.control.rests import Rests, new_rests
 from pidtsm_core.laws import STATE_SLOTS, Demand
 from pidtsm_core.parameters.family import SLOTS
 from pidtsm_core.signals import Signal, Status
@@ -248,6 +249,7 @@ class ControllerState(NamedTuple):
     spared: Array  # by how much less it may be softened, because it has strayed, likewise
     pace: Array  # how fast the time of law and observer passes therefore, see softening.py, shape (1,)
     rejected: Array  # disturbance that the law rejects, an acceleration, shape (joints,), rad/s^2
+    rests: Rests  # what is known of joints that rest
     truth: Array  # true q', q'' in a simulation, shape (2, joints), rad/s, rad/s^2
     torque: Array  # scratch of a simulation, shape (joints,), N m
     received: Array  # values of a joint state: `measured`, and `applied` if it is used, shape (1 or 2, joints)
@@ -358,6 +360,7 @@ def new_state(joints: int, feeds_back: bool, law_memory: int = 0, estimator_rows
         softness=np.zeros((len(Softness), joints)),
         **_numbers("softened", "spared", "pace"),
         rejected=np.zeros(joints),
+        rests=new_rests(joints),
         truth=np.zeros((2, joints)),
         torque=np.zeros(joints),
         received=measured[: 1 + feeds_back],

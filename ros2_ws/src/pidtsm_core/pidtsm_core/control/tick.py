@@ -2,6 +2,7 @@
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
+from pidtsm_core.control.breakaway import break_away, is_at_rest
 from pidtsm_core.control.compliance import yielding_rate
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
@@ -40,7 +41,7 @@ def _advance(config: ControllerConfig, state: ControllerState, dt: float) -> Non
         )
         if not (abs(e) < _ABSURD and abs(sliding) < _ABSURD and abs(manifold) < _ABSURD):
             continue
-        frozen = stopped or (config.freezes and held_back(config, state, j))
+        frozen = stopped or (config.freezes and held_back(config, state, j)) or is_at_rest(state, j)
         advance(
             config.law,
             j,
@@ -172,7 +173,7 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
     The states of the law first advance over dt with the values of the last tick, so an irregular period integrates what
     was really held over it; in freedrive they pause. States that can wind up pause while the applied effort is not the
     law's: at a limit (``law.anti_windup``), and while the controller has stopped. They also pause in contact, see
-    contact.py.
+    contact.py, and at rest where friction is compensated, see breakaway.py.
     """
     y, desired = state.signals, state.desired
     motion = y[: Signal.POSITION_ERROR]
@@ -193,6 +194,8 @@ def tick(config: ControllerConfig, state: ControllerState, dt: float) -> None:
         find_lacking(config, state, dt)
     if config.adaptation.learns_lateness and dt > 0.0:
         learn_lateness(config, state, dt)
+    if config.breaks_away and dt > 0.0:
+        break_away(config, state, dt)
     if config.drive.late:
         predict(config, state)
         motion, desired = state.predicted, state.ahead

@@ -232,8 +232,8 @@ ELASTIC_JOINT_OBSERVER = Estimator(
     parameters=_PARAMETERS,
     estimate=estimate,
     finds_disturbance=True,
-    # Springs look like lateness.
-    teaches=frozenset({"adaptation.friction"}),
+    # Not lateness: springs look like it.
+    teaches=frozenset({"adaptation.friction", "adaptation.softening"}),
     poles=_POLES,
     prepare=_prepare,
     rows=_rows,

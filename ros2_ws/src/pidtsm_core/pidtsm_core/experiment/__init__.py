@@ -37,8 +37,8 @@ PRACTICAL = "practical"
 """Name of the parameter set for real sensors and drives."""
 ADAPTIVE = "adaptive"
 """Name of the set that is `PRACTICAL` and finds out about the arm while it moves."""
-ADAPTS_ON_HARDWARE = {"adaptation.friction": "learn"}
-ADAPTS = {**ADAPTS_ON_HARDWARE, "adaptation.lateness": "learn", "adaptation.softening": "act"}
+ADAPTS_ON_HARDWARE = {"adaptation.friction": "learn", "adaptation.softening": "act"}
+ADAPTS = {**ADAPTS_ON_HARDWARE, "adaptation.lateness": "learn"}
 """What `ADAPTIVE` switches on; with a class of hardware only the former, see docs/adaptation.md."""
 TUNED = "tuned_"
 """Prefix of the names of tuned parameter sets; a class of hardware follows."""

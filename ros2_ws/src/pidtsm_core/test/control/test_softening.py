@@ -155,5 +155,7 @@ def test_switching_it_off_and_on_makes_no_step() -> None:
 
 
 def test_it_needs_the_observer() -> None:
-    with pytest.raises(ParameterError, match=r"adaptation\.softening: estimator\.name must be extended_state_observer"):
+    with pytest.raises(
+        ParameterError, match=r"adaptation\.softening: estimator\.name must be .*extended_state_observer"
+    ):
         resolve(controller_schema, {**ACT, "estimator.name": "filtered_difference"}, 2)

@@ -136,10 +136,9 @@ def test_laws_that_reject_no_disturbance_keep_the_rigid_one(law: str) -> None:
 def test_what_adapts_knows_the_springs_but_does_not_take_them_for_late_drives() -> None:
     values = make_experiment(None, robot="ur5", hardware="geared", params="adaptive").values["controller"]
     assert values["estimator.name"] == "elastic_joint_observer"
-    assert values["adaptation.friction"] == "learn"
-    for unknown, how in {"adaptation.lateness": "learn", "adaptation.softening": "act"}.items():
-        with pytest.raises(ParameterError, match=f"{unknown}: .* extended_state_observer, not elastic_joint_observer"):
-            make_experiment(None, robot="ur5", hardware="geared", overrides={"controller": {unknown: how}})
+    assert (values["adaptation.friction"], values["adaptation.softening"]) == ("learn", "act")
+    with pytest.raises(ParameterError, match=r"lateness: .* extended_state_observer, not elastic_joint_observer"):
+        make_experiment(None, robot="ur5", hardware="geared", overrides=["controller.adaptation.lateness=learn"])
 
 
 def test_learning_friction_keeps_the_margins_where_the_observer_does_not_know_the_springs() -> None:
