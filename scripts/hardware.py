@@ -43,10 +43,13 @@ Unless `--params` names another set, the gains are those of the [rule](tuning.md
 * **Where joints are elastic, the observer knows the springs** (`estimator.name: elastic_joint_observer`), of all laws
   that reject disturbances. Stiffness and rotors may be 20 and 15 % wrong. Without, links mostly err by two to six times
   as much ([why](decisions/2026-11-27-the-observer-knows-the-springs.md)). A [commissioning](commissioning.md)
-  finds the stiffness of a real arm. Of `adaptation.*`, only friction can be learnt with it.
+  finds the stiffness of a real arm. It cannot learn lateness.
 * Steps of the encoder and delay bound it as for [any arm](own-robot.md).
 * The Coulomb friction of half-warm gears is compensated (`compensation.coulomb`). Load, asymmetry, sticking and
   temperature are unknown to the controller. Law `pid` compensates nothing.
+* **Joints leave rest with what was found in motion** (`compensation.breakaway`). At rest, static friction lets the
+  effort wind up; when the reference set off, geared links fell 30 to 80 mrad behind, now 7 to 17
+  ([why](decisions/2026-11-28-joints-leave-rest-as-they-moved.md)).
 
 ## How an arm moves on such hardware
 

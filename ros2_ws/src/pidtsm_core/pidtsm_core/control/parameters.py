@@ -265,7 +265,7 @@ SOFTENING = Parameter(
     "adaptation.softening",
     "none",
     "watch how rough the command of each joint is. act: slow law and observer down until all are quiet; warn: only "
-    "report it. Needs estimator.name: extended_state_observer",
+    "report it. Needs estimator.name: extended_state_observer or elastic_joint_observer",
     choices=("none", "warn", "act"),
 )
 ROUGHNESS = Parameter(
@@ -281,7 +281,7 @@ ROUGHNESS = Parameter(
 BREAKAWAY = Parameter(
     "compensation.breakaway",
     True,
-    "where friction is compensated, joints leave rest with what was learnt in motion, not with what had wound up",
+    "where friction is compensated, joints leave rest with what was found in motion, not with what has wound up",
 )
 ADAPTATION = (LEARNT_FRICTION, LEARNT_LATENESS, SOFTENING)
 """What the controller finds out."""
