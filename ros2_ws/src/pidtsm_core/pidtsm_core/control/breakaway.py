@@ -7,7 +7,8 @@ mrad until the observer has found out.
 
 Once the joint moves, the disturbance will be about what it was in motion in that direction. So while the reference sets
 off, the disturbance gets the difference, by the share tanh(v / v0) with which the compensation of Coulomb friction sets
-in at the velocity v of the reference; also where it reverses. The observer goes on meanwhile, so what is wrong of it,
+in at the velocity v of the reference; also where it reverses, unless friction is only learnt, as its compensation fits
+reversals best. The observer goes on meanwhile, so what is wrong of it,
 because the joint carries something else than before, decays like any error of its. A joint whose difference is more
 than static friction explains is left alone. If the joint has moved in the other direction only, the mean is that of the
 other; if it has not moved yet, if it touches something, or is led by hand, nothing changes.
@@ -59,7 +60,8 @@ def break_away(config: ControllerConfig, state: ControllerState, dt: float) -> N
             if rests.rested[j] > _RESTED:
                 rests.change[j] = 0.0
             continue
-        turns = rests.heading[j] * velocity < 0.0 and rests.leaves[j] == 0.0
+        known = config.compensation.coulomb[j] > 0.0
+        turns = known and rests.heading[j] * velocity < 0.0 and rests.leaves[j] == 0.0
         if turns or rests.rested[j] > _RESTED:
             begins = True
             _begin(state, j, FORTH if velocity > 0.0 else BACK)

@@ -154,6 +154,15 @@ def test_nothing_changes_after(controller: Controller, why: str) -> None:
     np.testing.assert_array_equal(set_off(controller, 0.05), 0.0)
 
 
+def test_reversals_that_learning_fits_are_left_to_it() -> None:
+    learns, friction = {"adaptation.friction": "learn"}, {"friction.coulomb": 4.0}
+    off, on = (
+        rollout(params="practical", robot="ur5", duration=4.0, controller={**learns, SWITCH: each}, simulator=friction)
+        for each in (False, True)
+    )
+    np.testing.assert_array_equal(on.effort, off.effort)
+
+
 def test_what_is_not_finite_is_not_learnt(controller: Controller) -> None:
     for absurd in (math.nan, math.inf):
         go(controller, 0.2, 0.2, found=absurd)
