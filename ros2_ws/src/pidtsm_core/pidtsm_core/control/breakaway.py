@@ -7,11 +7,10 @@ mrad until the observer has found out.
 
 Once the joint moves, the disturbance will be about what it was in motion in that direction. So while the reference sets
 off, the disturbance gets the difference, by the share tanh(v / v0) with which the compensation of Coulomb friction sets
-in at the velocity v of the reference; also where it reverses, unless friction is only learnt, as its compensation fits
-reversals best. The observer goes on meanwhile, so what is wrong of it,
-because the joint carries something else than before, decays like any error of its. A joint whose difference is more
-than static friction explains is left alone. If the joint has moved in the other direction only, the mean is that of the
-other; if it has not moved yet, if it touches something, or is led by hand, nothing changes.
+in at the velocity v of the reference. The observer goes on meanwhile, so what is wrong of it, because the joint carries
+something else than before, decays like any error of its. A joint whose difference is more than static friction explains
+is left alone. If the joint has moved in the other direction only, the mean is that of the other; if it has not moved
+yet, if it touches something, or is led by hand, nothing changes. Nor does it where a reference reverses without a rest.
 
 The law's own integrals pause at rest, as they would wind up, too. What the disturbance has for an integral is enough.
 
@@ -60,15 +59,12 @@ def break_away(config: ControllerConfig, state: ControllerState, dt: float) -> N
             if rests.rested[j] > _RESTED:
                 rests.change[j] = 0.0
             continue
-        known = config.compensation.coulomb[j] > 0.0
-        turns = known and rests.heading[j] * velocity < 0.0 and rests.leaves[j] == 0.0
-        if turns or rests.rested[j] > _RESTED:
+        if rests.rested[j] > _RESTED:
             begins = True
             _begin(state, j, FORTH if velocity > 0.0 else BACK)
         rests.rested[j] = 0.0
         if abs(velocity) > _MOVES:
-            rests.heading[j] = math.copysign(1.0, velocity)
-            rests.leaves[j] = rests.change[j] = 0.0
+            rests.change[j] = 0.0
             _learn(state, j, velocity, dt)
     if begins:
         _doubt(config, state)
@@ -91,7 +87,7 @@ def forget_rests(state: ControllerState) -> None:
     rests = state.rests
     for j in range(rests.rested.size):
         rests.moved[FORTH, j] = rests.moved[BACK, j] = 0.0
-        rests.rested[j] = rests.heading[j] = rests.leaves[j] = rests.change[j] = 0.0
+        rests.rested[j] = rests.change[j] = 0.0
 
 
 @inlined
@@ -108,7 +104,7 @@ def _begin(state: ControllerState, j: int, way: int) -> None:
         way = FORTH + BACK - way
     known = rests.moved[way, j] > 0.0 and math.isfinite(found)
     rests.change[j] = rests.disturbance[way, j] - found if known else 0.0
-    rests.leaves[j], rests.share[j] = 1.0, 0.0
+    rests.share[j] = 0.0
     state.accelerations[0, j] = rests.change[j]
 
 

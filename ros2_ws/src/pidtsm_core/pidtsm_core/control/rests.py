@@ -16,8 +16,6 @@ class Rests(NamedTuple):
     moved: Array  # for how long it has moved along with its reference in each direction, shape (2, joints), s
     disturbance: Array  # mean of the disturbance meanwhile, likewise, rad/s^2
     rested: Array  # for how long its reference has rested, shape (joints,), s
-    heading: Array  # direction in which it last moved, 1 or -1; 0: not yet, likewise
-    leaves: Array  # 1 since the reference began to leave, until the joint moves, likewise
     share: Array  # of `change` that was made since the reference began to leave, likewise
     change: Array  # by how much the disturbance shall change meanwhile, likewise, rad/s^2
 
@@ -28,8 +26,6 @@ def new_rests(joints: int) -> Rests:
         moved=np.zeros((2, joints)),
         disturbance=np.zeros((2, joints)),
         rested=np.zeros(joints),
-        heading=np.zeros(joints),
-        leaves=np.zeros(joints),
         share=np.zeros(joints),
         change=np.zeros(joints),
     )
