@@ -207,9 +207,8 @@ def test_nothing_is_learnt_or_forgotten_while_the_arm_is_held_back_or_holds() ->
 
 def test_gears_that_are_colder_than_the_rule_believes_are_found() -> None:
     """Springs, sticking motors and encoders behind them: what 15 % more friction than compensated costs."""
-    alone = ["controller.compensation.breakaway=false"]  # It makes up for a part of that.
     errors = [
-        late_error(rollout(make_experiment(None, None, 40.0, params, alone, "xarm7", "geared")))
+        late_error(rollout(make_experiment(None, None, 40.0, params, robot="xarm7", hardware="geared")))
         for params in ("practical", "adaptive")
     ]
     assert errors[1] < 0.9 * errors[0]
