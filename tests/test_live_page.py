@@ -37,8 +37,14 @@ def test_the_arm_moves(live: LivePage, tmp_path: Path) -> None:
         live.page.screenshot(tmp_path / name, x=450, y=150, width=150, height=350)
         return np.asarray(imread(tmp_path / name)[:, :, :3])
 
-    first = picture("first.png")
-    assert len(np.unique((first.reshape(-1, 3) * 255).astype(int), axis=0)) > 20, "nothing is drawn"
+    pictures = []
+
+    def drawn() -> bool:
+        pictures.append(picture("first.png"))
+        return len(np.unique((pictures[-1].reshape(-1, 3) * 255).astype(int), axis=0)) > 20
+
+    live.until(drawn, "the arm")
+    first = pictures[-1]
 
     def moved() -> bool:
         return bool(np.any(np.abs(picture("later.png") - first) > 0.2, axis=2).sum() > 100)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from pidtsm_core.control.bank import MOST_UNDER_WAY
+from pidtsm_core.control.bank import MOST_UNDER_WAY, new_bank
 
 
 class UnderWay(IntEnum):
@@ -37,7 +37,7 @@ class Lateness(IntEnum):
 
 
 def late_drives(joints: int) -> dict[str, Any]:
-    """Arrays of the controller's state by name, for this number of joints; shapes as in `ControllerState`."""
+    """Parts of the controller's state by name, for this number of joints; shapes as in `ControllerState`."""
     return {
         "commanded": np.zeros(joints),
         "drive": np.zeros(joints),
@@ -50,4 +50,5 @@ def late_drives(joints: int) -> dict[str, Any]:
         "predicted": np.zeros((len(Predicted), joints)),
         "ahead": np.zeros((3, joints)),
         "lateness": np.zeros(len(Lateness)),
+        "bank": new_bank(joints),
     }

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.addresses import PartOf
 from pidtsm_core.compiling.memory import Layout
-from pidtsm_core.control.bank import Bank, new_bank
+from pidtsm_core.control.bank import Bank
 from pidtsm_core.control.compliance_parameters import Compliance, new_compliance
 from pidtsm_core.control.configuration import ControllerConfig, example_config
 from pidtsm_core.control.late_drives import late_drives
@@ -355,7 +355,6 @@ def new_state(joints: int, feeds_back: bool, law_memory: int = 0, estimator_rows
         external=np.zeros((len(External), joints)),
         **_learnt(joints),
         **late_drives(joints),
-        bank=new_bank(joints),
         compliance=new_compliance(joints),
         softness=np.zeros((len(Softness), joints)),
         **_numbers("softened", "spared", "pace"),
