@@ -381,6 +381,38 @@ def test_nodes_and_rollout_agree_for_other_arms(arm: str, engine: str, hardware:
     assert_same_bits(over_nodes(settings, tmp_path), simulated, settings["simulator"].get("delay.samples", 0))
 
 
+def test_nodes_and_rollout_agree_where_joints_leave_rest(tmp_path: Path) -> None:
+    """They stick, and their friction is compensated; with the switch off, the efforts are others."""
+    friction = [8.0, 4.0]
+    settings: dict[str, dict[str, Any]] = {
+        "controller": {
+            "law.name": LAW_NAME.default,
+            "estimator.name": "extended_state_observer",
+            "estimator.bandwidth": 60.0,
+            "law.disturbance_rejection": True,
+            "compensation.coulomb": friction,
+        },
+        "simulator": {
+            "encoder.bits": 16,
+            "initial_position": [0.0, 0.0],
+            "friction.coulomb": friction,
+            "friction.static": [1.3 * each for each in friction],
+            "friction.bristle_stiffness": [8e3, 4e3],
+        },
+        "trajectory": {
+            "reference.name": "pick_and_place",
+            "reference.from": [0.0, 0.0],
+            "reference.to": [0.2, -0.2],
+            "reference.duration": 0.3,
+            "reference.rest": 0.1,
+        },
+    }
+    simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
+    assert_same_bits(over_nodes(settings, tmp_path), simulated)
+    settings["controller"]["compensation.breakaway"] = False
+    assert (rollout(Experiment("test", "", SAMPLES * 1e-3, settings)).effort != simulated.effort).any()
+
+
 @pytest.mark.parametrize("space", ["joint", "tool"])
 def test_nodes_and_rollout_agree_while_the_reference_yields(space: str, tmp_path: Path) -> None:
     """It begins to yield after a second; the encoder is coarse, and the arm heavier than its model."""

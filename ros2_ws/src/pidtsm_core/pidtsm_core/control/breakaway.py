@@ -7,12 +7,12 @@ mrad until the observer has found out.
 
 Once the joint moves, the disturbance will be about what it was in motion in that direction. So while the reference sets
 off, the disturbance gets the difference, by the share tanh(v / v0) with which the compensation of Coulomb friction sets
-in at the velocity v of the reference. The observer goes on meanwhile, so what is wrong of it, because the joint carries
-something else than before, decays like any error of its. A joint whose difference is more than static friction explains
+in at the velocity v of the reference. The observer goes on meanwhile, so an error of the mean, where the joint carries
+something else than before, decays like any other error. A joint whose difference is more than static friction explains
 is left alone. If the joint has moved in the other direction only, the mean is that of the other; if it has not moved
 yet, if it touches something, or is led by hand, nothing changes. Nor does it where a reference reverses without a rest.
 
-The law's own integrals pause at rest, as they would wind up, too. What the disturbance has for an integral is enough.
+The law's own integrals pause at rest: they would wind up, too, and rejecting the disturbance integrates anyway.
 
 Integrators that wind up against static friction: Armstrong-Helouvry, Dupont and Canudas de Wit, "A survey of models,
 analysis tools and compensation methods for the control of machines with friction", Automatica 30(7), 1994.

@@ -75,7 +75,7 @@ def test_an_arm_leaves_rest_with_less_error(robot: str, hardware: str, law: str)
     ],
 )
 @pytest.mark.parametrize("hardware", ["geared", "collaborative"])
-def test_what_was_another_load_makes_nothing_worse(hardware: str, simulator: dict[str, Any]) -> None:
+def test_another_load_or_a_push_costs_at_most_twice_the_error(hardware: str, simulator: dict[str, Any]) -> None:
     before, now = (largest(run("ur5", hardware, "piddtsm", each, simulator, 0.3)) for each in (False, True))
     assert now < 2.1 * before  # Once, where the reference sets off while the arm still sags.
 
