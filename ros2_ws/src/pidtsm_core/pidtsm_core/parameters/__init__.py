@@ -212,7 +212,12 @@ def _where_it_belongs(name: str, schema: Schema, settings: Mapping[str, object])
 
 
 def _other_choices(
-    schema: Schema, settings: Mapping[str, object], steps: int, changes: Mapping[str, object], made: _Made
+    schema: Schema,
+    settings: Mapping[str, object],
+    steps: int,
+    changes: Mapping[str, object],
+    made: _Made,
+    before: Collection[Parameter] = (),
 ) -> Iterator[tuple[dict[str, object], Sequence[Parameter]]]:
     """The settings with `steps` choices changed, each of which makes the next one available, and their parameters.
 
@@ -222,6 +227,7 @@ def _other_choices(
         steps: how many choices to change.
         changes: choices that were changed.
         made: parameters by changes, filled: making them takes long, and changes are met again in another order.
+        before: parameters that were there before the last of `changes`: what they choose was not made available by it.
     """
 
     def parameters(changes: Mapping[str, object], changed: Mapping[str, object]) -> Sequence[Parameter] | None:
@@ -234,8 +240,9 @@ def _other_choices(
         return made[key]
 
     known = parameters(changes, settings) or ()
-    before = {p.name for p in known}
     for parameter in known:
+        if not parameter.choices or parameter in before:
+            continue
         for choice in parameter.choices:
             if choice == settings.get(parameter.name, parameter.default):
                 continue
@@ -245,8 +252,8 @@ def _other_choices(
                 continue
             if steps == 1:
                 yield changed, after
-            elif {p.name for p in after} != before:
-                yield from _other_choices(schema, changed, steps - 1, more, made)
+            elif {p.name for p in after} != {p.name for p in known}:
+                yield from _other_choices(schema, changed, steps - 1, more, made, known)
 
 
 def _either(values: Sequence[str]) -> str:
