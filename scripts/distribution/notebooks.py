@@ -6,7 +6,7 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from distribution.tools import ROOT, call, outside
@@ -32,21 +32,26 @@ def execute(notebooks: Sequence[Path], programs: Path, folder: Path) -> None:
     Raises:
         DistributionError: a cell fails.
     """
-    stored = ROOT / ".venv" / "notebooks" / _key(notebooks, programs)
+    kept("notebooks", key(notebooks, programs), folder, lambda made: _execute(notebooks, programs, made))
+
+
+def kept(kind: str, changes: str, folder: Path, make: Callable[[Path], None]) -> None:
+    """Copy to a folder what is made in a new one, or was made by an earlier call for the same `changes`."""
+    stored = ROOT / ".venv" / kind / changes
     if not stored.exists():
         with tempfile.TemporaryDirectory(dir=ROOT / ".venv") as made:
-            _execute(notebooks, programs, Path(made, "all"))
+            make(Path(made, "all"))
             shutil.rmtree(stored.parent, ignore_errors=True)
             stored.parent.mkdir()
             Path(made, "all").rename(stored)
     shutil.copytree(stored, folder, dirs_exist_ok=True)
 
 
-def _key(notebooks: Sequence[Path], programs: Path) -> str:
-    """Changes with the notebooks and with what they run, which takes most of the time of a site."""
+def key(examples: Sequence[Path], programs: Path) -> str:
+    """Changes with the examples and with what they run, which takes most of the time of a site."""
     sources = sorted((ROOT / "ros2_ws" / "src" / "pidtsm_core" / "pidtsm_core").rglob("*.py"))
     digest = hashlib.sha256(programs.parent.name.encode())
-    for file in (*notebooks, *sources):
+    for file in (*examples, *sources):
         digest.update(file.read_bytes())
     return digest.hexdigest()[:16]
 

@@ -6,10 +6,11 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from distribution.notebooks import execute
+from distribution.notebooks import execute, kept, key
 from distribution.tools import ROOT, DistributionError
 
 _TOP = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
@@ -103,10 +104,10 @@ def _place(target: Path) -> str | None:
 def _write_examples(folder: Path, programs: Path) -> None:
     folder.mkdir()
     files = sorted(file for file in (ROOT / "examples").glob("*.*") if file.suffix in _SHOWN)
-    # Each is a process of its own.
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    drawn = [file for file in files if _draws(file)]
+    with ThreadPoolExecutor(2) as pool:
         executed = pool.submit(execute, [file for file in files if file.suffix == ".ipynb"], programs, folder)
-        drawn = {file: pool.submit(_picture, file, folder) for file in files if _draws(file)}
+        kept("pictures", key(drawn, programs), folder, lambda made: _draw(drawn, made))
     executed.result()
     rows = []
     for file in files:
@@ -116,7 +117,7 @@ def _write_examples(folder: Path, programs: Path) -> None:
             picture, shown = (f"{file.stem}_files/{pictures[0].name}" if pictures else None), ""
         else:
             about, body = _script(file.read_text("utf-8"))
-            picture = drawn[file].result() if file in drawn else None
+            picture = f"{file.stem}.png" if file in drawn else None
             shown = f"\n![What it draws]({picture})\n" if picture else ""
         (folder / f"{file.stem}.md").write_text(f"# {file.name}\n\n{about}\n{shown}\n{body}", "utf-8")
         small = f"![{file.stem}]({picture}){{ width=240 }}" if picture else ""
@@ -143,8 +144,20 @@ def _notebook(text: str) -> tuple[str, str]:
     return about, re.sub(r"^# (?=[A-Z])", "## ", body) + "\n"
 
 
-def _picture(file: Path, folder: Path) -> str:
-    """Run an example where it may leave its picture; returns the picture's name.
+def _draw(files: Sequence[Path], folder: Path) -> None:
+    """Leave the picture of each example in a new folder.
+
+    Raises:
+        DistributionError: one fails, or leaves no picture.
+    """
+    folder.mkdir()
+    # Each is a process of its own.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(lambda file: _picture(file, folder), files))
+
+
+def _picture(file: Path, folder: Path) -> None:
+    """Run an example where it may leave its picture.
 
     Raises:
         DistributionError: it fails, or leaves none.
@@ -156,7 +169,5 @@ def _picture(file: Path, folder: Path) -> str:
     pictures = sorted(place.rglob("*.png"))
     if done.returncode or not pictures:
         raise DistributionError(f"{file.name} left no picture:\n{done.stdout}{done.stderr}")
-    name = f"{file.stem}.png"
-    pictures[0].replace(folder / name)
+    pictures[0].replace(folder / f"{file.stem}.png")
     shutil.rmtree(place)
-    return name
