@@ -118,6 +118,13 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
         yield page
 
 
+def write(reader: Page, words: str) -> None:
+    """Replace what is in the field of the search."""
+    reader.evaluate(f"(field => {{ field.focus(); field.select(); }})({FIELD})")
+    reader.call("Input.insertText", text=words)
+    reader.evaluate(f"{FIELD}.dispatchEvent(new Event('keyup', {{bubbles: true}}))")
+
+
 def judge_search(address: str, reader: Page, names: str) -> None:
     """Wait for what is found, and check that one of these pages is among the first, and nothing is wrong."""
     reader.wait(f"{FOUND}.length > 0")
@@ -130,20 +137,13 @@ def judge_search(address: str, reader: Page, names: str) -> None:
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")
 @pytest.mark.parametrize(("words", "names"), SEARCHES.items())
 def test_a_search_finds_the_page_with_the_answer(address: str, reader: Page, words: str, names: str) -> None:
-    """All on one page: to load it and its index takes a second, and a search none."""
+    """All on one page: loading it and its index takes a second, a search takes none."""
     if reader.evaluate("location.pathname") != "/topics.html":
         reader.open(f"{address}/topics.html")
     write(reader, "")
     reader.wait(f"{FOUND}.length === 0")
     write(reader, words)
     judge_search(address, reader, names)
-
-
-def write(reader: Page, words: str) -> None:
-    """Replace what is in the field of the search."""
-    reader.evaluate(f"(field => {{ field.focus(); field.select(); }})({FIELD})")
-    reader.call("Input.insertText", text=words)
-    reader.evaluate(f"{FIELD}.dispatchEvent(new Event('keyup', {{bubbles: true}}))")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium here")

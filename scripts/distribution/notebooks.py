@@ -1,15 +1,14 @@
 """Runs notebooks for their outputs, by nbconvert, with the packages of this interpreter."""
 
-import hashlib
 import json
 import os
-import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from distribution.tools import ROOT, call, outside
+from distribution.outputs import kept
+from distribution.tools import call, outside
 
 _KERNEL = "pidtsm"
 _LAUNCH = (
@@ -32,28 +31,7 @@ def execute(notebooks: Sequence[Path], programs: Path, folder: Path) -> None:
     Raises:
         DistributionError: a cell fails.
     """
-    kept("notebooks", key(notebooks, programs), folder, lambda made: _execute(notebooks, programs, made))
-
-
-def kept(kind: str, changes: str, folder: Path, make: Callable[[Path], None]) -> None:
-    """Copy to a folder what is made in a new one, or was made by an earlier call for the same `changes`."""
-    stored = ROOT / ".venv" / kind / changes
-    if not stored.exists():
-        with tempfile.TemporaryDirectory(dir=ROOT / ".venv") as made:
-            make(Path(made, "all"))
-            shutil.rmtree(stored.parent, ignore_errors=True)
-            stored.parent.mkdir()
-            Path(made, "all").rename(stored)
-    shutil.copytree(stored, folder, dirs_exist_ok=True)
-
-
-def key(examples: Sequence[Path], programs: Path) -> str:
-    """Changes with the examples and with what they run, which takes most of the time of a site."""
-    sources = sorted((ROOT / "ros2_ws" / "src" / "pidtsm_core" / "pidtsm_core").rglob("*.py"))
-    digest = hashlib.sha256(programs.parent.name.encode())
-    for file in (*examples, *sources):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    kept("notebooks", notebooks, programs, folder, lambda made: _execute(notebooks, programs, made))
 
 
 def _execute(notebooks: Sequence[Path], programs: Path, folder: Path) -> None:

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from distribution.notebooks import execute, kept, key
+from distribution.notebooks import execute
+from distribution.outputs import kept
 from distribution.tools import ROOT, DistributionError
 
 _TOP = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
@@ -105,9 +106,9 @@ def _write_examples(folder: Path, programs: Path) -> None:
     folder.mkdir()
     files = sorted(file for file in (ROOT / "examples").glob("*.*") if file.suffix in _SHOWN)
     drawn = [file for file in files if _draws(file)]
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(1) as pool:
         executed = pool.submit(execute, [file for file in files if file.suffix == ".ipynb"], programs, folder)
-        kept("pictures", key(drawn, programs), folder, lambda made: _draw(drawn, made))
+        kept("pictures", drawn, programs, folder, lambda made: _draw(drawn, made))
     executed.result()
     rows = []
     for file in files:

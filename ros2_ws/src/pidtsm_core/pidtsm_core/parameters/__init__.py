@@ -226,8 +226,8 @@ def _other_choices(
         settings: already with `changes`.
         steps: how many choices to change.
         changes: choices that were changed.
-        made: parameters by changes, filled: making them takes long, and changes are met again in another order.
-        before: parameters that were there before the last of `changes`: what they choose was not made available by it.
+        made: parameters by changes, filled: making them takes long, and the next call meets the same changes again.
+        before: parameters that were there without the last of `changes`, which did not make their choices available.
     """
 
     def parameters(changes: Mapping[str, object], changed: Mapping[str, object]) -> Sequence[Parameter] | None:
@@ -240,9 +240,8 @@ def _other_choices(
         return made[key]
 
     known = parameters(changes, settings) or ()
-    for parameter in known:
-        if not parameter.choices or parameter in before:
-            continue
+    names = {p.name for p in known}
+    for parameter in [p for p in known if p.choices and p not in before]:
         for choice in parameter.choices:
             if choice == settings.get(parameter.name, parameter.default):
                 continue
@@ -252,7 +251,7 @@ def _other_choices(
                 continue
             if steps == 1:
                 yield changed, after
-            elif {p.name for p in after} != {p.name for p in known}:
+            elif {p.name for p in after} != names:
                 yield from _other_choices(schema, changed, steps - 1, more, made, known)
 
 

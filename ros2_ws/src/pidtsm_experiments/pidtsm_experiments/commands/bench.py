@@ -165,7 +165,7 @@ def _files() -> dict[str, Path]:
 
 
 def _takes(file: Path) -> float:
-    """How long a benchmark takes, s, read from its text: to import all of them takes seconds."""
+    """How long a benchmark takes, s, read from its text: importing all of them takes seconds."""
     values = [
         ast.literal_eval(line.value)
         for line in ast.parse(file.read_text("utf-8")).body
