@@ -226,8 +226,11 @@ def test_random_events_leave_the_system_running(live: Live) -> None:
         return bool(live.marks - earlier)
 
     def brought_back() -> bool:
-        """A commissioning may have taken the controller away; whoever changes nodes waits for whoever did so before."""
-        for label in ("Stop", "Release the arm", "Activate"):
+        """A commissioning may have taken the controller away, and a reference may rest far from the arm.
+
+        Whoever changes nodes waits for whoever did so before.
+        """
+        for label in ("Stop", "Release the arm", "Go to the arm", "Activate"):
             client.press(label)
         return live.text('id="events"').count("it is active; nothing was changed") > 1
 

@@ -136,10 +136,22 @@ def test_where_the_clock_has_been_set_the_arm_is_held_until_the_motion_is_begun(
     np.testing.assert_allclose(rig.at(14.0), sine(5.0), atol=1e-12)
 
 
-def test_nothing_is_begun_before_there_is_a_joint_state(rig: Rig) -> None:
-    response = rig.testbed.call(Trigger, "trajectory/begin", Trigger.Request())
+@pytest.mark.parametrize("service", ["begin", "go_to_arm"])
+def test_nothing_is_begun_before_there_is_a_joint_state(rig: Rig, service: str) -> None:
+    response = rig.testbed.call(Trigger, f"trajectory/{service}", Trigger.Request())
     assert not response.success
     assert "no joint state" in response.message
+
+
+def test_the_reference_can_be_brought_to_an_arm_that_is_elsewhere(rig: Rig) -> None:
+    rig.at(10.0)
+    rig.arm = [2.0, -3.0]
+    present = rig.at(11.0)
+    assert rig.testbed.call(Trigger, "trajectory/go_to_arm", Trigger.Request()).success
+    np.testing.assert_allclose(rig.at(11.0), present, atol=1e-12)
+    path = np.array([rig.at(11.0 + 0.1 * k) for k in range(1, 100)])
+    assert np.abs(np.diff(path[:, 0], axis=0)).max() < 0.15, "no step"
+    np.testing.assert_allclose(path[-1], [rig.arm[::-1], [0.0, 0.0], [0.0, 0.0]], atol=1e-12)
 
 
 def test_large_trajectories_are_planned_outside_the_loop_and_the_newest_counts(rig: Rig) -> None:

@@ -62,6 +62,9 @@ class _Reported:
     implausible: int = 0
 
 
+_CURE = "trajectory/go_to_arm brings the reference there"
+
+
 class ControllerNode(ManagedNode):
     """Publishes an effort command with the same stamp for every joint state."""
 
@@ -137,7 +140,11 @@ class ControllerNode(ManagedNode):
         if not self.active and self._activity and (trouble := self._activity.trouble):
             return trouble
         follows = not self.active or self._controller.state.conditions[Condition.REQUEST] == Request.FOLLOW
-        return self._controller.refusal(follows and self._reference_arrivals.last >= 0)
+        return self._too_far() if follows else ""
+
+    def _too_far(self) -> str:
+        reason = self._controller.refusal(self._reference_arrivals.last >= 0)
+        return f"{reason}; {_CURE}" if reason else ""
 
     def activate(self) -> None:
         self._statistics.reset()
@@ -330,7 +337,7 @@ class ControllerNode(ManagedNode):
         """Follow, hold or be free; returns the reason if refused, else an empty text."""
         if not self.active:
             return "the controller is inactive"
-        if wanted == Request.FOLLOW and (refusal := self._controller.refusal(self._reference_arrivals.last >= 0)):
+        if wanted == Request.FOLLOW and (refusal := self._too_far()):
             return refusal
         return self._controller.request(wanted)
 

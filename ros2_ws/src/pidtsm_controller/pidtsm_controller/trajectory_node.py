@@ -27,7 +27,7 @@ from pidtsm_core.trajectories.checking import prepare
 from pidtsm_core.trajectories.errors import TrajectoryError
 from pidtsm_core.trajectories.limits import motion_limits
 from pidtsm_core.trajectories.motion import Rest
-from pidtsm_core.trajectories.splice import MotionUnderWay
+from pidtsm_core.trajectories.splice import MotionUnderWay, unwind
 from pidtsm_msgs.msg import ControllerState, JointReference
 from pidtsm_ros.cdr import serialized_nanoseconds
 from pidtsm_ros.diagnostics import Diagnostics, Reading
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 _WAITING = 20
 """Queue length for joint states. A node that falls behind at 1 kHz is then at most 20 ms late and skips joint states.
 With the default queue length, its references could be older than the controller allows (``watchdog.reference``)."""
+_NO_STATE = "no joint state received yet, so the start time is unknown"
 _FAREWELL = 0.1
 """Time in which results of goals are sent when the process ends, s."""
 
@@ -55,7 +56,8 @@ class TrajectoryNode(ManagedNode):
     A goal of ``~/follow_joint_trajectory`` or a trajectory on ``joint_trajectory`` replaces the current motion; a
     trajectory without points brings it to rest.
     The node's time is that of the joint states, simulated or real. If their clock is set, or their source restarts,
-    the motion comes to rest where the arm is; ``~/begin`` starts the built-in motion again.
+    the motion comes to rest where the arm is; ``~/begin`` starts the built-in motion again. ``~/go_to_arm`` brings the
+    reference to an arm that is elsewhere, so that the controller can be activated.
     """
 
     def __init__(self, stop: Stop) -> None:
@@ -92,6 +94,7 @@ class TrajectoryNode(ManagedNode):
         self._diagnostics = Diagnostics(self)
         self._published = 0
         self.offer("~/begin", self._begin)
+        self.offer("~/go_to_arm", self._go_to_arm)
         self._offer_action()
         self._streams = Streams(self, self._limits, self._replace_goals)
         self._poses = PoseStreams(self, self._limits, self._streams, self.values)
@@ -101,7 +104,7 @@ class TrajectoryNode(ManagedNode):
         self.listen(JointTrajectory, "joint_trajectory", self._receive_trajectory, raw=True, profile=RELIABLE_READER)
 
     def activate(self) -> None:
-        self._arrivals = Arrivals()
+        self._arrivals, self._newest = Arrivals(), b""
         self._began = -1
         self._streams.forget()
         self._poses.forget()
@@ -178,6 +181,7 @@ class TrajectoryNode(ManagedNode):
         if restarts:
             self._measured.read(state, self._position)
         arrivals.take(judged, stamp, now)
+        self._newest = state
         if restarts:
             self._rest(self._position[0], last + arrivals.elapsed, stamp)
         if self._began < 0:
@@ -239,12 +243,28 @@ class TrajectoryNode(ManagedNode):
     def _begin(self) -> str:
         """Start the built-in motion again from the current reference; returns the reason if refused, else nothing."""
         if not self.active or self._arrivals.last < 0:
-            return "no joint state received yet, so the start time is unknown"
+            return _NO_STATE
         self._began = self._arrivals.last
         self._streams.give_way()
         self._motion.approach(self._began, self._built_in)
         self._replace_goals("the built-in motion")
         self.get_logger().info("starting the built-in motion")
+        return ""
+
+    def _go_to_arm(self) -> str:
+        """Move the reference to where the arm is, to rest there; returns the reason if refused, else nothing."""
+        if not self.active or self._arrivals.last < 0:
+            return _NO_STATE
+        try:
+            self._measured.read(self._newest, self._position)
+        except MessageError as error:
+            return f"the last joint state cannot be used: {error}"
+        last = self._arrivals.last
+        there = unwind(self._position[np.newaxis], self._motion.state_at(last)[0], self._limits)[0, 0]
+        self._streams.give_way()
+        self._motion.approach(last, Rest(there))
+        self._replace_goals("a motion to the arm")
+        self.get_logger().info("moving the reference to the arm")
         return ""
 
     def _receive_trajectory(self, data: bytes) -> None:
@@ -256,7 +276,7 @@ class TrajectoryNode(ManagedNode):
     def _on_trajectory(self, message: JointTrajectory) -> None:
         last = self._arrivals.last
         if last < 0:
-            raise MessageError("no joint state received yet, so the start time is unknown")
+            raise MessageError(_NO_STATE)
         if not message.points:
             self._motion.cancel(last)
             self._streams.give_way()

@@ -13,13 +13,15 @@ _LONGEST = 600.0  # s
 
 
 class Moving:
-    """Starts the built-in motion, brings the reference to rest, or moves it to positions."""
+    """Starts the built-in motion, brings the reference to rest, or moves it to the arm or to positions."""
 
     def __init__(self, desk: Desk, joints: Sequence[str], position: Array) -> None:
         """Add the controls to the current container; `position`: to start from, shape (joints,), rad or m."""
         self._desk, self._joints, gui = desk, list(joints), desk.server.gui
         begin = "start the built-in motion of the trajectory node again (~/begin)"
         desk.button("Start the motion again", self.begin, begin, moves=True)
+        go = "move the reference to where the arm is, as an activation demands (~/go_to_arm)"
+        desk.button("Go to the arm", self._go_to_arm, go, moves=True)
         desk.button("Rest", self._rest, "bring the reference to rest (a trajectory without points)")
         with gui.add_folder("Go to"):
             hint = f"positions of {', '.join(joints)} (rad or m)"
@@ -35,6 +37,10 @@ class Moving:
         """
         await self._desk.system.trigger("trajectory/begin")
         self._desk.system.note("built-in motion started")
+
+    async def _go_to_arm(self) -> None:
+        await self._desk.system.trigger("trajectory/go_to_arm")
+        self._desk.system.note("reference moves to the arm")
 
     async def _rest(self) -> None:
         self._desk.system.rest()

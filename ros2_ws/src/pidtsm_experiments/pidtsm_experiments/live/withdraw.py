@@ -69,6 +69,8 @@ class Withdrawal:
     async def bring_back(self, changes: Mapping[str, Any] | None = None) -> None:
         """Start the controller again, if the page had started it; somebody else's can be activated from now on.
 
+        The reference goes to where the arm has been left, and waits there.
+
         Args:
             changes: parameters that change; None: none.
 
@@ -79,6 +81,7 @@ class Withdrawal:
         if self._patience:
             await self._forms["simulator"].put(self._patience, recorded=False)
             self._patience = {}
+        await self._bring_the_reference()
         if self._desk.nodes is None:
             return
         async with self._desk.changing:
@@ -86,3 +89,11 @@ class Withdrawal:
                 await self._forms[_NODE].restart(changes)
             elif not self._desk.nodes.runs(_NODE):
                 await self._forms[_NODE].start_again()
+
+    async def _bring_the_reference(self) -> None:
+        if not self._desk.system.has("trajectory"):
+            return
+        try:
+            await self._desk.system.trigger("trajectory/go_to_arm")
+        except RefusedError as error:
+            self._desk.system.note(f"the reference stays where it is: {error}")
