@@ -45,8 +45,11 @@ Unless `--params` names another set, the gains are those of the [rule](tuning.md
   as much ([why](decisions/2026-11-27-the-observer-knows-the-springs.md)). A [commissioning](commissioning.md)
   finds the stiffness of a real arm. It cannot learn lateness.
 * Steps of the encoder and delay bound it as for [any arm](own-robot.md).
-* The Coulomb friction of half-warm gears is compensated (`compensation.coulomb`). Load, asymmetry, sticking and
-  temperature are unknown to the controller. Law `pid` compensates nothing.
+* 1.3 times the Coulomb friction of half-warm gears is compensated (`compensation.coulomb`), since joints stick. Load,
+  asymmetry and temperature are unknown to the controller. Law `pid` compensates nothing.
+* **Joints that stick are pressed by their error** (`compensation.error_gain`): what lags gets more of the compensated
+  friction, what leads less. Errors at reversals halve
+  ([why](decisions/2026-11-29-joints-that-stick-are-pressed-by-their-error.md)).
 * **Joints leave rest with what was found in motion** (`compensation.breakaway`). At rest, static friction lets the
   effort wind up; when the reference set off, geared links fell 30 to 80 mrad behind, now 7 to 17
   ([why](decisions/2026-11-28-joints-leave-rest-as-they-moved.md)).

@@ -57,7 +57,9 @@ def test_without_a_joint_state_it_does_not_become_active(
     assert "not activated: no joint state received yet" in capfd.readouterr().err
 
 
-REFUSAL = "joint1 is 0.2 rad from its reference (activation.distance 0.1); trajectory/go_to_arm brings the reference there"
+REFUSAL = (
+    "joint1 is 0.2 rad from its reference (activation.distance 0.1); trajectory/go_to_arm brings the reference there"
+)
 
 
 @pytest.mark.parametrize(("desired", "refusal"), [(0.4, REFUSAL), (0.21, "")])

@@ -10,7 +10,8 @@ import math
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.effort import friction, limit_effort
+from pidtsm_core.control.effort import limit_effort
+from pidtsm_core.control.joint_friction import friction
 from pidtsm_core.control.state import ControllerState, External, part
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics
 from pidtsm_core.signals import Limited, Mode, Signal, Status

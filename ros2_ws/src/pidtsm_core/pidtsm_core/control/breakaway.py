@@ -24,7 +24,7 @@ from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.compliance import yielding_rate
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
-from pidtsm_core.control.effort import REVERSAL
+from pidtsm_core.control.joint_friction import REVERSAL
 from pidtsm_core.control.rests import BACK, FORTH
 from pidtsm_core.control.state import ControllerState, Friction, Time, part
 from pidtsm_core.estimators import DISTURBANCE

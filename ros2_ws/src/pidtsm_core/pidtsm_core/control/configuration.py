@@ -9,9 +9,9 @@ import numpy as np
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control.compliance_parameters import SPACE, ComplianceConfig, make_compliance
+from pidtsm_core.control.friction_parameters import BREAKAWAY
 from pidtsm_core.control.parameters import (
     ADAPTATION,
-    BREAKAWAY,
     LEARNT_FRICTION,
     LEARNT_LATENESS,
     REJECTION,
@@ -90,6 +90,7 @@ class CompensationConfig(NamedTuple):
     coulomb: Array  # shape (joints,), N m
     viscous: Array  # shape (joints,), N m s/rad
     offset: Array  # shape (joints,), N m
+    error_gain: Array  # shape (joints,), 1/s
 
 
 class AdaptationConfig(NamedTuple):
@@ -166,6 +167,7 @@ class ControllerConfig(NamedTuple):
     watches: bool  # a joint has a limit of position, velocity or error
     rehearses: bool  # something is rehearsed
     compensates: bool  # a joint has friction or a constant effort that is compensated
+    presses: bool  # the friction compensated depends on the error, see joint_friction.py
     breaks_away: bool  # what it has learnt at rest is replaced when a joint leaves, see breakaway.py
     offsets: bool  # a joint has a constant effort
     checks_plausibility: bool  # the measurements of a joint are checked for plausibility
@@ -191,6 +193,9 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
     law, estimator = LAWS[str(values["law.name"])], ESTIMATORS[str(values["estimator.name"])]
     limits = _group(LimitsConfig, values, joints, stops=_stops(values))
     compensation = _group(CompensationConfig, values, joints)
+    # An effort whose rate is limited follows the error too late, and rings.
+    presses = np.where(limits.effort_rate > 0.0, 0.0, compensation.error_gain)
+    compensation = compensation._replace(error_gain=presses)
     rehearsal = _group(RehearsalConfig, values, joints)
     plausible = joint_array(values["plausibility.velocity"], joints)
     return ControllerConfig(
@@ -221,7 +226,8 @@ def make_config(values: Mapping[str, Value], robot: Robot) -> ControllerConfig:
             limits.min_position != limits.max_position, limits.velocity, limits.tracking_error, limits.external_effort
         ),
         rehearses=any(rehearsal),
-        compensates=law.uses_model and _any(*compensation),
+        compensates=law.uses_model and _any(compensation.coulomb, compensation.viscous, compensation.offset),
+        presses=law.uses_model and _any(compensation.error_gain),
         breaks_away=_breaks_away(values, compensation),
         offsets=_any(compensation.offset),
         checks_plausibility=_any(plausible),

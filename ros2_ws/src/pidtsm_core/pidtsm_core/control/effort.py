@@ -11,8 +11,6 @@ from pidtsm_core.robots import inverse_dynamics
 from pidtsm_core.signals import Limited, Signal
 from pidtsm_core.timing import seconds
 
-REVERSAL = 0.01
-"""rad/s; below this velocity, the compensated Coulomb friction goes to zero."""
 _DIFFERENT = 0.05
 """Share of a joint's effort limit by which the applied effort may differ from the commanded one."""
 # As floats, like the signals.
@@ -73,18 +71,6 @@ def write_net_effort(state: ControllerState, effort: Array) -> None:
     """
     for j in range(effort.size):
         state.net[j] = effort[j] - state.added[j]
-
-
-@inlined
-def friction(config: ControllerConfig, velocity: float, joint: int) -> float:
-    """Friction that ``compensation`` describes, of a joint with this velocity (rad/s), N m."""
-    return coulomb_friction(config, velocity, joint) + config.compensation.viscous[joint] * velocity
-
-
-@inlined
-def coulomb_friction(config: ControllerConfig, velocity: float, joint: int) -> float:
-    """The Coulomb part of `friction`, N m."""
-    return config.compensation.coulomb[joint] * math.tanh(velocity / REVERSAL)
 
 
 @inlined

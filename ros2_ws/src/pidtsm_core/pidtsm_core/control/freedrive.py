@@ -30,8 +30,7 @@ Light joints yield by the length of their springs (`_longest`): the resistance o
 them, and stretch the spring over radians.
 
 Beyond ``freedrive.velocity`` the dampers brake a joint that a push accelerates with a to about freedrive.velocity +
-a / (2.4 w): estimates and drives are too late for more. The estimated velocity is late, because the estimator knows no
-push; so the measured velocity counts where both differ by more than its noise.
+a / (2.4 w). The estimator knows no push, so the measured velocity counts where both differ by more than its noise.
 """
 
 import math
@@ -42,7 +41,8 @@ import numpy as np
 from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.effort import add_offset, feed_offset, friction, limit_effort
+from pidtsm_core.control.effort import add_offset, feed_offset, limit_effort
+from pidtsm_core.control.joint_friction import friction
 from pidtsm_core.control.state import ControllerState, Count, Hold, Time, part
 from pidtsm_core.control.stopping import learn
 from pidtsm_core.robots import forward_dynamics, inverse_dynamics

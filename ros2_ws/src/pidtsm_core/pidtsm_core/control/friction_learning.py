@@ -39,7 +39,8 @@ from pidtsm_core.arrays import Array
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
-from pidtsm_core.control.effort import REVERSAL, coulomb_friction, held_back
+from pidtsm_core.control.effort import held_back
+from pidtsm_core.control.joint_friction import REVERSAL, coulomb_friction
 from pidtsm_core.control.lacking import is_known, is_noisy
 from pidtsm_core.control.state import FITTED, ControllerState, Friction, part
 from pidtsm_core.signals import Mode, Status
@@ -287,6 +288,8 @@ def acting_compensation(config: ControllerConfig, state: ControllerState, j: int
     compensated = state.friction[Friction.EFFORT, j]
     if config.drive.late:  # What acts now was added for this velocity.
         compensated = _compensation(state, j, state.desired[1, j]) - state.damped[j]
+    if config.presses:
+        compensated += state.pressed[j]
     return compensated + coulomb_friction(config, state.desired[1, j], j)
 
 

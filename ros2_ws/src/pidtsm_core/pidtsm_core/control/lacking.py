@@ -17,7 +17,7 @@ import math
 
 from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.configuration import ControllerConfig
-from pidtsm_core.control.effort import REVERSAL
+from pidtsm_core.control.joint_friction import REVERSAL
 from pidtsm_core.control.state import ControllerState, Friction, Noise, part
 from pidtsm_core.estimators import DISTURBANCE
 from pidtsm_core.robots import inverse_dynamics

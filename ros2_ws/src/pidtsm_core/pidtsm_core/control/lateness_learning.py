@@ -34,8 +34,8 @@ from pidtsm_core.compiling.decorators import inlined
 from pidtsm_core.control.bank import BANK_DELAYS, BANK_LAGS, FILTERED, HYPOTHESES, NUISANCES, POLES
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact
-from pidtsm_core.control.effort import REVERSAL
 from pidtsm_core.control.friction_learning import SOFTER
+from pidtsm_core.control.joint_friction import REVERSAL
 from pidtsm_core.control.lacking import is_known
 from pidtsm_core.control.late_drives import Lateness
 from pidtsm_core.control.lateness import lagging

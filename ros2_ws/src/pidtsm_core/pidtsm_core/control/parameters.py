@@ -8,6 +8,7 @@ import numpy as np
 
 from pidtsm_core.control.barrier_parameters import BARRIER
 from pidtsm_core.control.compliance_parameters import check_compliance, compliance_parameters
+from pidtsm_core.control.friction_parameters import BREAKAWAY, FRICTION
 from pidtsm_core.estimators import ESTIMATORS, Estimator
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Parameter, ParameterError, chosen, prefixed
@@ -278,40 +279,10 @@ ROUGHNESS = Parameter(
     maximum=0.1,
     per_joint=True,
 )
-BREAKAWAY = Parameter(
-    "compensation.breakaway",
-    True,
-    "where friction is compensated, joints leave rest with what was found in motion, not with what has wound up",
-)
 ADAPTATION = (LEARNT_FRICTION, LEARNT_LATENESS, SOFTENING)
 """What the controller finds out."""
 _TOUCH = 0.25
 """Share of the effort limit of a joint that only contact exerts, not a payload or an error of the model."""
-FRICTION = (
-    Parameter(
-        "compensation.coulomb",
-        0.0,
-        "Coulomb friction that the controller compensates, in the direction of the reference",
-        "N m",
-        minimum=0.0,
-        per_joint=True,
-    ),
-    Parameter(
-        "compensation.viscous",
-        0.0,
-        "viscous friction that the controller compensates, at the velocity of the reference",
-        "N m s/rad",
-        minimum=0.0,
-        per_joint=True,
-    ),
-    Parameter(
-        "compensation.offset",
-        0.0,
-        "constant effort that the joint needs beside its model and friction, such as that of a counterbalance",
-        "N m",
-        per_joint=True,
-    ),
-)
 
 
 def _of_robot(parameters: Iterable[Parameter], robot: Robot) -> tuple[Parameter, ...]:

@@ -231,6 +231,7 @@ class ControllerState(NamedTuple):
     friction_evidence: Array  # normal equations: FITTED rows for each joint, shape (FITTED joints, FITTED + 1)
     friction_fit: Array  # coefficients of the fit, and what it leaves unexplained (N m), shape (joints, FITTED + 1)
     friction_solution: Array  # scratch: their factor and solutions, shape (FITTED + 2, FITTED)
+    pressed: Array  # part of the compensated friction that the error adds, see joint_friction.py, shape (joints,), N m
     commanded: Array  # `sent`, with what makes up for the lag of the drives, shape (joints,), N m
     drive: Array  # effort that the drives deliver for the last command, when it acts, shape (joints,), N m
     under_way: Array  # commands that may be under way, a ring, see `UnderWay`, shape (MOST_UNDER_WAY, 3, joints)
@@ -280,6 +281,7 @@ class ControllerMemory(NamedTuple):
 def _learnt(joints: int) -> dict[str, Any]:
     """The arrays of lacking.py and friction_learning.py, by name; shapes as in `ControllerState`."""
     return {
+        "pressed": np.zeros(joints),
         "friction": np.zeros((len(Friction), joints)),
         "lacking": np.zeros(joints),
         "learnt_velocity": np.zeros(joints),

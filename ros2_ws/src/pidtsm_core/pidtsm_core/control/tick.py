@@ -6,8 +6,9 @@ from pidtsm_core.control.breakaway import break_away, is_at_rest
 from pidtsm_core.control.compliance import yielding_rate
 from pidtsm_core.control.configuration import ControllerConfig
 from pidtsm_core.control.contact import in_contact, sense_contact
-from pidtsm_core.control.effort import feed_offset, friction, held_back, limit_effort, write_net_effort
+from pidtsm_core.control.effort import feed_offset, held_back, limit_effort, write_net_effort
 from pidtsm_core.control.friction_learning import learn_friction
+from pidtsm_core.control.joint_friction import friction, press
 from pidtsm_core.control.lacking import find_lacking, find_noise
 from pidtsm_core.control.late_drives import Predicted
 from pidtsm_core.control.lateness import deliver, predict
@@ -93,13 +94,16 @@ def _command(config: ControllerConfig, state: ControllerState, motion: Array, de
 def _add(config: ControllerConfig, state: ControllerState, desired: Array) -> None:
     """Compute the effort beyond the law's: what is fed forward, and what compensates friction and offsets.
 
-    Friction is computed from the desired velocity, which is free of noise, without that of a reference that yields:
-    at a wall it changes its sign at every sample.
+    Friction is that of the desired velocity, without that of a reference that yields: at a wall it changes its sign at
+    every sample.
     """
     for j in range(desired.shape[1]):
         state.added[j] = state.feedforward_effort[j]
         if config.compensates:
-            state.added[j] += friction(config, desired[1, j] - yielding_rate(state, j), j)
+            velocity = desired[1, j] - yielding_rate(state, j)
+            state.added[j] += friction(config, velocity, j)
+            if config.presses:
+                state.added[j] += press(config, state, velocity, j)
         if config.adaptation.compensates_friction:
             state.added[j] += state.friction[Friction.EFFORT, j]
     feed_offset(config, state)

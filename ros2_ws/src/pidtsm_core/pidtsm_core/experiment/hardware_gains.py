@@ -5,11 +5,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import LAW_NAME
+from pidtsm_core.control.joint_friction import REVERSAL
 from pidtsm_core.experiment.gains import first_gains, rotors
-from pidtsm_core.experiment.law_gains import Gain, rejects
+from pidtsm_core.experiment.law_gains import Gain, rejects, rounded
 from pidtsm_core.experiment.loop_margin import Drives
 from pidtsm_core.laws import LAWS
 from pidtsm_core.parameters import Value, as_float, joint_array
@@ -33,6 +35,12 @@ _USED = (
 )
 _SLOWEST_RATE = 10.0
 """1/s; see `_lets_observe`."""
+_STATIC = 1.3
+"""Friction of joints that stick, relative to the Coulomb friction. More is not: the error corrects it."""
+_STICKS = 0.03
+"""Share of the effort limit from which on friction makes a joint stick; less is found by the observer soon enough."""
+_PRESSES, _STEP_PRESSES = 8.0, 0.3
+"""Largest `compensation.error_gain`, 1/s, and the share of a step of REVERSAL that one step of the encoder may be."""
 _LONGEST = 20
 """Samples; behind a longer delay the bandwidth is so low that no joint resonates."""
 
@@ -47,8 +55,9 @@ def hardware_gains(
     """Gains of a law for an arm and for the sensors, drives and gears that its simulator has.
 
     Rate, resolution, delay, lag and elasticity bound the bandwidth, and the Coulomb friction of half-warm gears is
-    compensated. The observer of a law that rejects disturbances knows elastic gears. What else the friction does (load,
-    temperature, sticking, the difference of the directions) is unknown to the controller.
+    compensated. The observer of a law that rejects disturbances knows elastic gears. Joints that stick are pressed by
+    their error, unless the rate of the effort is limited: it could not follow. What else the friction does (load,
+    temperature, the difference of the directions) is unknown to the controller.
 
     Args:
         controller: parameters that differ from their defaults; those of robot and payload matter.
@@ -77,8 +86,33 @@ def hardware_gains(
     friction = joint_array(used["friction.coulomb"], joints) * (1.0 + 0.5 * as_float(used["friction.cold"]))
     if not LAWS[law].uses_model or not friction.any():
         return gains
-    known = Gain("compensation.coulomb", tuple(friction.tolist()), "the Coulomb friction of half-warm gears is known")
-    return (*gains, known)
+    sticks = friction > _STICKS * np.asarray(robot.effort_limit, np.float64)
+    if not _is_unlimited(controller):
+        sticks[:] = False
+    return (*gains, *_against_friction(friction, sticks, 2.0 * np.pi / 2.0**bits if bits else 0.0))
+
+
+def _against_friction(friction: Array, sticks: NDArray[np.bool_], step: float) -> tuple[Gain, ...]:
+    """How the friction of half-warm gears is compensated.
+
+    Args:
+        friction: of each joint, shape (joints,), N m.
+        sticks: the joints that it holds noticeably, likewise.
+        step: of the encoders, rad; 0: ideal.
+    """
+    reason = "the Coulomb friction of half-warm gears is known"
+    if not sticks.any():
+        return (Gain("compensation.coulomb", tuple(friction.tolist()), reason),)
+    coulomb = np.where(sticks, _STATIC * friction, friction)
+    presses = min(_PRESSES, _STEP_PRESSES * REVERSAL / step) if step > 0.0 else _PRESSES
+    return (
+        Gain("compensation.coulomb", rounded(coulomb), f"{reason}; {_STATIC:g} times, since joints stick"),
+        Gain(
+            "compensation.error_gain",
+            rounded(np.where(sticks, presses, 0.0)),
+            "presses joints that stick; with a coarse encoder, less than its steps make rough",
+        ),
+    )
 
 
 class Drivetrain(NamedTuple):
@@ -126,6 +160,14 @@ def _lets_observe(controller: Mapping[str, object], on_motor: bool) -> bool:
     except (TypeError, ValueError):  # Values of a wrong type or length are refused later.
         return False
     return not slow.any()
+
+
+def _is_unlimited(controller: Mapping[str, object]) -> bool:
+    """Whether no joint has a limit of the effort's rate; a value that cannot be one is refused later."""
+    try:
+        return not np.asarray(controller.get("limits.effort_rate", 0.0), np.float64).any()
+    except (TypeError, ValueError):
+        return True
 
 
 def _current_lag(used: Mapping[str, Value], joints: int) -> Array:

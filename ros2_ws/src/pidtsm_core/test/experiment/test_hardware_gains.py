@@ -14,7 +14,7 @@ from pidtsm_core.experiment.gains import first_gains
 from pidtsm_core.experiment.hardware_classes import hardware_names
 from pidtsm_core.experiment.hardware_gains import hardware_gains
 from pidtsm_core.experiment.law_gains import Gain
-from pidtsm_core.parameters import ParameterError, Value, joint_array
+from pidtsm_core.parameters import ParameterError, Value, as_float, joint_array
 from pidtsm_core.parameters.files import Settings
 from pidtsm_core.robots.source import ARMS
 from pidtsm_core.rollouts.closed_loop import rollout
@@ -28,10 +28,12 @@ def _made(arm: str, hardware: str) -> Experiment:
 
 
 @cache
-def _rigid_gains(arm: str, hardware: str) -> Mapping[str, Value]:
-    """Those of an observer that does not know the springs."""
+def _rigid_gains(arm: str, hardware: str, effort_rate: float = 0.0) -> Mapping[str, Value]:
+    """Those of an observer that does not know the springs; `effort_rate`: its limit, N m/s; 0: none."""
     settings = _made(arm, hardware).settings
-    gains = hardware_gains(settings["controller"], settings["simulator"], knows_springs=False)
+    gains = hardware_gains(
+        {**settings["controller"], "limits.effort_rate": effort_rate}, settings["simulator"], knows_springs=False
+    )
     return MappingProxyType({gain.name: gain.value for gain in gains} | {"drive.delay": 0.0})
 
 
@@ -76,9 +78,11 @@ def _error(experiment: Experiment) -> float:
 
 def _rigid(arm: str, hardware: str, condition: Settings | None = None) -> Experiment:
     """The arm with an observer that does not know the springs."""
-    given, settings = condition or {}, _made(arm, hardware).settings
+    given = condition or {}
+    settings = make_experiment(None, robot=arm, hardware=hardware, overrides=given).settings
     others = {name: value for name, value in settings["controller"].items() if not name.startswith("estimator.")}
-    controller = {**others, **_rigid_gains(arm, hardware), **given.get("controller", {})}
+    rate = as_float(given.get("controller", {}).get("limits.effort_rate", 0.0))
+    controller = {**others, **_rigid_gains(arm, hardware, rate), **given.get("controller", {})}
     simulator = {**settings["simulator"], **given.get("simulator", {})}
     return replace(_made(arm, hardware), settings={**settings, "controller": controller, "simulator": simulator})
 
