@@ -381,7 +381,7 @@ def test_nodes_and_rollout_agree_for_other_arms(arm: str, engine: str, hardware:
     assert_same_bits(over_nodes(settings, tmp_path), simulated, settings["simulator"].get("delay.samples", 0))
 
 
-def test_nodes_and_rollout_agree_where_joints_leave_rest(tmp_path: Path) -> None:
+def test_nodes_and_rollout_agree_where_joints_stick_and_leave_rest(tmp_path: Path) -> None:
     """They stick, and their friction is compensated; with the switch off, the efforts are others."""
     friction = [8.0, 4.0]
     settings: dict[str, dict[str, Any]] = {
@@ -391,6 +391,7 @@ def test_nodes_and_rollout_agree_where_joints_leave_rest(tmp_path: Path) -> None
             "estimator.bandwidth": 60.0,
             "law.disturbance_rejection": True,
             "compensation.coulomb": friction,
+            "compensation.error_gain": 8.0,
         },
         "simulator": {
             "encoder.bits": 16,
@@ -409,8 +410,10 @@ def test_nodes_and_rollout_agree_where_joints_leave_rest(tmp_path: Path) -> None
     }
     simulated = rollout(Experiment("test", "", SAMPLES * 1e-3, settings))
     assert_same_bits(over_nodes(settings, tmp_path), simulated)
-    settings["controller"]["compensation.breakaway"] = False
-    assert (rollout(Experiment("test", "", SAMPLES * 1e-3, settings)).effort != simulated.effort).any()
+    for name, without in (("breakaway", False), ("error_gain", 0.0)):
+        controller = {**settings["controller"], f"compensation.{name}": without}
+        other = rollout(Experiment("test", "", SAMPLES * 1e-3, {**settings, "controller": controller}))
+        assert (other.effort != simulated.effort).any()
 
 
 @pytest.mark.parametrize("space", ["joint", "tool"])
