@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.control import LAW_NAME
@@ -41,6 +40,8 @@ _STICKS = 0.03
 """Share of the effort limit from which on friction makes a joint stick; less is found by the observer soon enough."""
 _PRESSES, _STEP_PRESSES = 8.0, 0.3
 """Largest `compensation.error_gain`, 1/s, and the share of a step of REVERSAL that one step of the encoder may be."""
+PRESSES = "presses joints that stick; with a coarse encoder, less than its steps make rough"
+"""Why `compensation.error_gain` is what `error_gain` says."""
 _LONGEST = 20
 """Samples; behind a longer delay the bandwidth is so low that no joint resonates."""
 
@@ -86,33 +87,27 @@ def hardware_gains(
     friction = joint_array(used["friction.coulomb"], joints) * (1.0 + 0.5 * as_float(used["friction.cold"]))
     if not LAWS[law].uses_model or not friction.any():
         return gains
-    sticks = friction > _STICKS * np.asarray(robot.effort_limit, np.float64)
-    if not _is_unlimited(controller):
-        sticks[:] = False
-    return (*gains, *_against_friction(friction, sticks, 2.0 * np.pi / 2.0**bits if bits else 0.0))
+    presses = np.zeros(joints)
+    if _is_unlimited(controller):
+        presses = error_gain(friction, np.asarray(robot.effort_limit), 2.0 * np.pi / 2.0**bits if bits else 0.0)
+    reason = "the Coulomb friction of half-warm gears is known"
+    if not presses.any():
+        return (*gains, Gain("compensation.coulomb", tuple(friction.tolist()), reason))
+    coulomb = rounded(np.where(presses > 0.0, _STATIC * friction, friction))
+    known = Gain("compensation.coulomb", coulomb, f"{reason}; {_STATIC:g} times, since joints stick")
+    return (*gains, known, Gain("compensation.error_gain", rounded(presses), PRESSES))
 
 
-def _against_friction(friction: Array, sticks: NDArray[np.bool_], step: float) -> tuple[Gain, ...]:
-    """How the friction of half-warm gears is compensated.
+def error_gain(friction: Array, limits: Array, step: float) -> Array:
+    """The rule for `compensation.error_gain`: 0 for joints that do not stick noticeably, shape (joints,), 1/s.
 
     Args:
-        friction: of each joint, shape (joints,), N m.
-        sticks: the joints that it holds noticeably, likewise.
+        friction: Coulomb friction of each joint, shape (joints,), N m.
+        limits: of the effort, likewise.
         step: of the encoders, rad; 0: ideal.
     """
-    reason = "the Coulomb friction of half-warm gears is known"
-    if not sticks.any():
-        return (Gain("compensation.coulomb", tuple(friction.tolist()), reason),)
-    coulomb = np.where(sticks, _STATIC * friction, friction)
     presses = min(_PRESSES, _STEP_PRESSES * REVERSAL / step) if step > 0.0 else _PRESSES
-    return (
-        Gain("compensation.coulomb", rounded(coulomb), f"{reason}; {_STATIC:g} times, since joints stick"),
-        Gain(
-            "compensation.error_gain",
-            rounded(np.where(sticks, presses, 0.0)),
-            "presses joints that stick; with a coarse encoder, less than its steps make rough",
-        ),
-    )
+    return np.where(friction > _STICKS * limits, presses, 0.0)
 
 
 class Drivetrain(NamedTuple):

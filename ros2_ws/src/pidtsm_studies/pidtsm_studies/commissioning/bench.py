@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pidtsm_core.arrays import Array
 from pidtsm_core.experiment.gains import first_gains, rotors
-from pidtsm_core.experiment.hardware_gains import Drivetrain, make_drives
+from pidtsm_core.experiment.hardware_gains import PRESSES, Drivetrain, error_gain, make_drives
 from pidtsm_core.experiment.law_gains import Gain, Known, gains_of_law, rounded
 from pidtsm_core.experiment.loop_margin import Drives
 from pidtsm_core.robots import Description, robot_schema
@@ -355,7 +355,16 @@ class Bench:
         own = gains_of_law(law, known)
         changed = {_BANDWIDTH, *(gain.name for gain in own)}
         fixed = [gain for gain in self._rule if gain.name not in changed]
-        return (*fixed, Gain(observer.name, tuple(chosen.tolist()), observer.reason), *own)
+        return (*fixed, Gain(observer.name, tuple(chosen.tolist()), observer.reason), *own, *self._pressing(steps))
+
+    def _pressing(self, steps: Array) -> tuple[Gain, ...]:
+        """How the error presses joints that stick, once their friction is identified; steps: of the encoders."""
+        friction = self.compensation.get("compensation.coulomb")
+        if friction is None or "identify" not in self.found:
+            return ()
+        model = self.model()
+        presses = error_gain(np.array(friction), model.effort, float(steps.max()))
+        return (Gain("compensation.error_gain", rounded(presses), PRESSES),) if presses.any() else ()
 
     def plan(self, text: str, motion: Motion, model: ArmModel) -> Plan:
         """The plan of a step that follows a motion."""
