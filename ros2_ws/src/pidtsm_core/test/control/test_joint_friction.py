@@ -10,7 +10,7 @@ from pidtsm_core.control.joint_friction import press
 from pidtsm_core.experiment import make_experiment
 from pidtsm_core.recording import Recording
 from pidtsm_core.rollouts.closed_loop import rollout
-from pidtsm_core.signals import Signal
+from pidtsm_core.signals import Signal, Status
 
 GAIN = "compensation.error_gain"
 
@@ -82,6 +82,13 @@ def test_an_effort_whose_rate_is_limited_is_not_pressed() -> None:
     limited = {**made, "limits.effort_rate": [500.0, 0.0, 500.0, 0.0, 0.0, 0.0]}
     found = Controller(limited).config.compensation.error_gain
     np.testing.assert_array_equal(found > 0.0, [False, True, False, True, True, True])
+    # Pressed, this arm rings until it is stopped.
+    runs = []
+    for gain in (0.0, 8.0):
+        controller = {"limits.effort_rate": 500.0, GAIN: gain}
+        runs.append(rollout(make_experiment(None, None, 2.0, (), {"controller": controller}, "ur5", "geared")))
+    assert not runs[1].status[:, Status.FAULT].any()
+    np.testing.assert_array_equal(runs[1].effort, runs[0].effort)
 
 
 def test_an_error_that_is_not_finite_adds_nothing() -> None:
