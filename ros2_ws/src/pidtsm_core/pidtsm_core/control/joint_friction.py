@@ -1,12 +1,12 @@
 """Friction of the joints that is compensated.
 
-It is that of the velocity of the reference, which is free of noise. A joint that has stopped while its reference moves
-is no better off: friction balances whatever acts on it until the disturbance is found, and then it slides too far.
-Slotine and Li (1987) therefore follow the velocity q_d' - lambda e, with which the error would decay; taken for the
-Coulomb friction, it presses a joint that lags with more effort and one that leads with less. Where the reference moves
-at all, the sign is that of the reference, so nothing becomes rougher; near a reversal and at rest it acts as a stiff
-spring as long as the friction holds the joint. The part that the error adds is at most `_SURE` of the compensated
-friction: less than what holds a warm joint, so that it alone cannot move one.
+It follows the velocity of the reference, which is free of noise. That does not help a joint that sticks: friction
+balances whatever acts on it until the observer has found the disturbance, and then the joint slides too far. So the
+Coulomb friction is that of q_d' - lambda e, the velocity with which the error would decay, which Slotine and Li (1987)
+follow: a joint that lags is pressed with more effort, one that leads with less. Where the reference moves, its velocity
+decides the sign, so nothing becomes rougher; near a reversal and at rest, the error acts like a stiff spring as long as
+friction holds the joint. The error adds at most `_SURE` of the compensated friction: less than what holds a warm joint,
+so it alone cannot move one.
 
 Slotine and Li, "On the adaptive control of robot manipulators", Int. J. Robotics Research 6(3), 1987.
 """
